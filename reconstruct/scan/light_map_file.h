@@ -1,0 +1,16 @@
+#pragma once
+
+#include <filesystem>
+
+#include "alhazen/result.h"
+#include "reconstruct/scan/light_map.h"
+
+namespace alhazen {
+
+/// OpenEXR, uncompressed, data window = region of interest; FLOAT u v sigma_u_px sigma_v_px
+/// contrast, UINT label bit_u bit_v; attributes stop, display, camera, angle_rad.
+[[nodiscard]] Status write_light_map(const LightMap& map, const std::filesystem::path& file);
+/// Hostile input welcome. Fails: unavailable, corrupt (naming channel or attribute).
+[[nodiscard]] Result<LightMap> read_light_map(const std::filesystem::path& file);
+
+}  // namespace alhazen
