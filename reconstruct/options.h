@@ -20,6 +20,17 @@ struct SurfaceOptions {
   double beta = 4.0;
   /// Unit 1, range (0, 1].
   double g_min = 0.02;
+  /// The cut stops where its duality gap is at most this share of its surface term. Unit 1, range
+  /// (0, 1].
+  double relative_gap = 1e-3;
+  /// Range 1 … 100000.
+  int max_iterations = 400;
+  /// β of the signed distance: how strongly a depth of median weight counts against the slope of
+  /// one edge. Depths are averaged over about 1/√β leaves. Unit 1, range (0, 1e6].
+  double data_weight = 0.02;
+  /// α of the signed distance: pull to the cut where nothing was observed; it acts over about 1/√α
+  /// leaves. Unit 1, range (0, 1].
+  double cut_weight = 1e-3;
 };
 
 struct Options {
