@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -25,8 +26,11 @@ struct PlanChoices {
   std::optional<Micros> exposure;  ///< for all cameras; default: the camera's own of the config
   std::optional<double> gain_db;   ///< likewise
   std::optional<bool> crop;        ///< cameras read out only what sees the volume; default true
-  std::optional<Volume> volume;    ///< edge 1 … 2000 mm, centre within ±2000 mm
-  std::optional<int> level;        ///< 4 … 11; default 8
+  /// Cube that is reconstructed, object frame: edge 1 … 2000 mm, default 102.4; centre within
+  /// ±2000 mm, default: standing on the plate, centred on the axis.
+  std::optional<double> edge_mm;
+  std::optional<Eigen::Vector3d> centre_mm;
+  std::optional<int> level;               ///< 4 … 11; default 8
   std::optional<KeepFrames> keep_frames;  ///< default none
 };
 
@@ -51,7 +55,7 @@ struct ScanRequest {
   OnGap on_gap = OnGap::fail;
 };
 
-/// Facts of the opened devices, as a plan needs them; made by DeviceSet::facts().
+/// Facts of the opened devices, as a plan needs them; made by facts_of().
 struct CameraFacts {
   std::string name;
   CameraInfo info;
@@ -64,7 +68,7 @@ struct DisplayFacts {
 struct DeviceFacts {
   std::vector<CameraFacts> cameras;
   std::vector<DisplayFacts> displays;
-  TurntableInfo turntable;
+  std::optional<TurntableInfo> turntable;
 };
 
 /// What a plan is stamped with; the caller knows the time, the plan does not.

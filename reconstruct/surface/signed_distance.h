@@ -17,8 +17,8 @@ namespace alhazen {
 struct SurfaceSamples {
   std::vector<Eigen::Vector3f> normal;  ///< unit, outward, at the foot point; zero: not observed
   std::vector<float> offset_mm;         ///< signed distance of the leaf's centre along the normal,
-                                 ///< positive outside; ignored where weight is 0
-  std::vector<float> weight;  ///< 1/variance of offset_mm, 1/mm²; 0: no depth
+                                        ///< positive outside; ignored where weight is 0
+  std::vector<float> weight;            ///< 1/variance of offset_mm, 1/mm²; 0: no depth
 };
 
 /// A signed distance near the surface, on the finest leaves.
