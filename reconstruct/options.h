@@ -22,7 +22,7 @@ struct SurfaceOptions {
   double g_min = 0.02;
   /// The cut stops where its duality gap is at most this share of its surface term. Unit 1, range
   /// (0, 1].
-  double relative_gap = 1e-3;
+  double relative_gap = 5e-3;
   /// Range 1 … 100000.
   int max_iterations = 400;
   /// β of the signed distance: how strongly a depth of median weight counts against the slope of

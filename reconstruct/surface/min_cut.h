@@ -20,7 +20,7 @@ namespace alhazen {
 ///   ‖p_i‖ ≤ g_i (an exact projection),        dual    Σ min(0, V_i f_i + (Kᵀp)_i)
 /// solved by the first-order primal-dual method with diagonal steps until the duality gap is at
 /// most options.relative_gap of the surface term Σ V_i g_i ‖y_i‖, or options.max_iterations are
-/// spent (not an error: Indicator::gap tells; the u returned is the best seen).
+/// spent (not an error: Indicator::gap tells).
 ///
 /// `faces` = octree.faces(); `divergence` = flux_divergence(…). `warm_start`: u from before, on
 /// this octree (carry it over with Octree::leaf_in), or null: then coarser octrees are solved
