@@ -22,7 +22,7 @@ if(ALHAZEN_CCACHE)
 endif()
 
 add_compile_options(-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wnon-virtual-dtor
-  -Woverloaded-virtual -Werror -ffile-prefix-map=${PROJECT_SOURCE_DIR}/=)
+  -Woverloaded-virtual -Werror)
 # g++ 12 sees overlaps in "text" + std::string(…) that are not there (its bug 105651).
 add_compile_options($<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>)
 if(ALHAZEN_SANITIZER STREQUAL "address")
