@@ -30,8 +30,9 @@ struct NormalFigures {
 struct Comparison {
   std::optional<DistanceFigures> observed;  ///< observed vertices → reference; nothing if none is
   DistanceFigures all;                      ///< every vertex → reference
-  DistanceFigures reference_to_mesh;        ///< samples and vertices of the reference → mesh
-  double hausdorff_mm = 0;                  ///< larger of the two directions' maxima
+  /// Samples of the reference → mesh; the maximum over the reference's own vertices, too.
+  DistanceFigures reference_to_mesh;
+  double hausdorff_mm = 0;  ///< larger of the two directions' maxima
   /// Share of the reference's area within 0.3 mm of a triangle whose three vertices are observed.
   double completeness_0_3mm = 0;
   /// Share of the reference's area within 1 mm of the mesh, closed parts included.
@@ -51,7 +52,8 @@ struct CompareOptions {
 
 /// Distances both ways by exact point-to-triangle queries; the result does not depend on the number
 /// of threads. A mesh without `observed` counts as observed everywhere.
-/// Fails: invalid (no triangles, a list of another length, samples out of range), cancelled.
+/// Fails: invalid (no triangles, a list of another length, index or samples out of range, a
+///        coordinate not finite or beyond 1e9 mm), cancelled.
 /// Source: protocol of docs/design.md after Seitz, Curless, Diebel, Scharstein, Szeliski, CVPR
 /// 2006; sign by pseudonormals (Baerentzen and Aanaes 2005). Reentrant; uses the caller's TBB
 /// arena.

@@ -1,0 +1,117 @@
+// Offline: runs the stages of a reconstruction on a scan directory, examines and compares.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <functional>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "reconstruct/run.h"
+#include "tools/exit_code.h"
+#include "tools/reconstruct_commands.h"
+
+namespace {
+
+using alhazen::Run;
+using alhazen::Status;
+
+/// Turns SIGINT and SIGTERM into a request to stop. REQUIRES: made before any other thread, so that
+/// all inherit the blocked signals.
+class Interrupt {
+ public:
+  Interrupt() {
+    sigemptyset(&signals_);
+    sigaddset(&signals_, SIGINT);
+    sigaddset(&signals_, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
+    watch_ = std::jthread([this](const std::stop_token& done) {
+      const timespec wait{.tv_sec = 0, .tv_nsec = 100'000'000};
+      while (!done.stop_requested()) {
+        if (sigtimedwait(&signals_, nullptr, &wait) > 0) stop_.request_stop();
+      }
+    });
+  }
+  [[nodiscard]] std::stop_token token() const { return stop_.get_token(); }
+
+ private:
+  sigset_t signals_{};
+  std::stop_source stop_;
+  std::jthread watch_;  // last: ends before the others go
+};
+
+/// Prints "stage  42 %" to standard error: in place on a terminal, else one line a tenth.
+class Progress {
+ public:
+  void tell(std::string_view stage, double share) {
+    const int percent = static_cast<int>(std::clamp(share, 0.0, 1.0) * 100);
+    const std::lock_guard lock(mutex_);
+    const int step = is_terminal_ ? 1 : 10;
+    if (stage == stage_ && percent / step <= percent_ / step) return;
+    if (is_terminal_ && !stage_.empty() && stage != stage_) std::fputc('\n', stderr);
+    stage_ = stage;
+    percent_ = percent;
+    std::fprintf(stderr, is_terminal_ ? "\r%-24s %3d %%" : "%-24s %3d %%\n", stage_.c_str(),
+                 percent_);
+  }
+  void end() {
+    const std::lock_guard lock(mutex_);
+    if (is_terminal_ && !stage_.empty()) std::fputc('\n', stderr);
+  }
+
+ private:
+  std::mutex mutex_;
+  const bool is_terminal_ = isatty(STDERR_FILENO) == 1;
+  std::string stage_;
+  int percent_ = -1;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const Interrupt interrupt;
+  Progress progress;
+  CLI::App app{
+      "alhazen-reconstruct: from a scan directory to a mesh, stage by stage.\n"
+      "Exit codes: 0 done, 64 wrong request, 69 not available, 70 our bug, 74 no space,\n"
+      "75 damaged or wrong moment, 130 interrupted."};
+  app.require_subcommand(1);
+  app.set_help_all_flag("--help-all", "help of every sub-command");
+  bool is_quiet = false;
+  app.add_flag("--quiet", is_quiet, "no progress");
+  std::function<Status(const Run&)> work;
+
+  alhazen::CompareArgs compare;
+  auto* compare_command =
+      app.add_subcommand("compare", "measure a mesh against the truth (no alignment)");
+  compare_command->add_option("MESH", compare.mesh, "PLY, OBJ, OFF or STL, mm")->required();
+  auto* reference =
+      compare_command->add_option("REFERENCE", compare.reference, "the true surface, mm");
+  compare_command
+      ->add_option("--sphere-radius-mm", compare.sphere_radius_mm,
+                   "instead of a reference: a sphere of this radius, its centre fitted")
+      ->excludes(reference);
+  compare_command->add_flag("--json", compare.as_json, "one JSON object");
+  compare_command->callback(
+      [&] { work = [&](const Run& r) { return compare_meshes(compare, r); }; });
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : alhazen::exit_code(alhazen::Code::invalid);
+  }
+
+  Run run;
+  run.stop = interrupt.token();
+  if (!is_quiet)
+    run.progress = [&](std::string_view stage, double share) { progress.tell(stage, share); };
+  const Status status = work(run);
+  progress.end();
+  if (status) return 0;
+  std::fprintf(stderr, "alhazen-reconstruct: %s\n", status.error().text().c_str());
+  return alhazen::exit_code(status.error().code);
+}
