@@ -34,9 +34,9 @@ struct LeafFacts {
   std::vector<float> depth_sigma_mm;   ///< ignored where not observed
 };
 
-/// Fills mesh.consistency, observed and depth_sigma_mm: each vertex takes the values of the leaf
-/// that contains it, or, where that one is not observed, of the nearest observed leaf among those
-/// that share a face, edge or corner with it and whose centre is within one edge of the vertex.
+/// Fills mesh.consistency, observed and depth_sigma_mm: each vertex takes the values of the nearest
+/// observed leaf among the eight whose centres surround it, or, where none of them is observed, of
+/// the nearest.
 /// REQUIRES: lists as long as octree.leaves().
 void annotate(const Octree& octree, const LeafFacts& facts, Mesh& mesh);
 
