@@ -2,7 +2,6 @@
 
 #include <memory>
 #include <span>
-#include <vector>
 
 #include "alhazen/image.h"
 #include "alhazen/pattern.h"
@@ -16,19 +15,42 @@ struct DecodeOptions {
   /// A pixel carries a position only where white − black is at least this share of full scale.
   /// Unit 1, range (0, 1).
   double min_contrast = 0.02;
-  /// A bit is resolved where |pattern − inverse| ≥ min_modulation · (white − black): below it the
-  /// footprint of the pixel on the display covers both values. Unit 1, range (0, 1).
+  /// A bit is resolved where |pattern − inverse| > min_modulation · (white − black): below it the
+  /// footprint of the pixel on the display covers both values. It must exceed the side lobe of a
+  /// box-shaped footprint, 0.217, where a bit that is too fine comes back with the wrong sign.
+  /// Unit 1, range (0, 1).
   double min_modulation = 0.25;
+  /// Standard deviation of |pattern − inverse| by the camera's noise, as a share of full scale. No
+  /// bit is resolved within three of them. Unit 1, range [0, 0.1]. 0.004 is one of 255.
+  double noise = 0.004;
+  /// A pixel that resolves no bit as fine as this carries no position: what scatters light from
+  /// the whole display resolves its coarsest bits. 0 = finest, range [0, 13].
+  int max_bit = 6;
+
+  /// Fails: invalid, naming option and range.
+  [[nodiscard]] Status is_valid() const;
 };
 
-/// Folds the frames of one stack (camera × display × stop) into a light map as they arrive; no
-/// frame is kept. Thread-bound. Memory: a few bytes per pixel, independent of the number of
-/// patterns.
+/// Folds the frames of one stack (camera × display × stop) into a light map as they arrive.
+/// Thread-bound.
+///
+/// Memory: per pixel 4 bytes of contrast, 1 or 2 of threshold, 2 bits a pattern pair. Frames are
+/// not kept but for these: the first of a pair until the second is there, and all frames that come
+/// before white and black; so show white and black first, and each pattern next to its inverse.
+/// The result does not depend on the order.
+/// Labels: mirror   every bit from the coarsest down to the finest resolved one agrees
+///         mixed    contrast, but no such agreement, no resolved bit, or a code beyond the display
+///         saturated  as none or mixed, and white is at full scale: a shorter exposure may help
+///         none     no contrast
+/// Source: Gray code with inverse patterns compared pixel by pixel, decoded to the finest bit with
+///         contrast (M. Weinmann's thesis, chapter 5, and Weinmann, Osep, Ruiters, Klein, ICCV
+///         2013).
 class Decoder {
  public:
-  /// `sequence`: every pattern that will come, in any order of arrival.
-  /// Fails: invalid (options out of range, a pattern without its inverse, no white or black),
-  /// unsupported (phase, for now).
+  /// `sequence`: every pattern that will come: white, black, and on both axes every bit from the
+  /// most significant down, each with its inverse; the finest may be left out.
+  /// Fails: invalid (options out of range, an empty region, a pattern without its inverse, no white
+  /// or black, a bit missing above another), unsupported (phase, for now).
   [[nodiscard]] static Result<Decoder> make(const DecodeOptions& options, const StackKey& key,
                                             double angle_rad, const Region& region, int bits,
                                             int display_width_px, int display_height_px,
@@ -38,7 +60,7 @@ class Decoder {
   ~Decoder();
 
   /// Fails: invalid (size, format or bits differ; pattern not of the sequence), conflict (seen
-  /// already).
+  /// already). After a failure the decoder is as before.
   Status add(const Pattern& pattern, const Image& image);
   [[nodiscard]] bool complete() const noexcept;
   /// Fails: conflict (patterns are missing; names the first).

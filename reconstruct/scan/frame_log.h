@@ -26,6 +26,7 @@ struct FrameRecord {
       file;  ///< relative to the scan directory; nothing where it is not kept
 };
 
+/// The record as JSON, without the line's end.
 [[nodiscard]] std::string to_line(const FrameRecord& record);
 /// Fails: corrupt, naming the key.
 [[nodiscard]] Result<FrameRecord> parse_frame_record(std::string_view line);

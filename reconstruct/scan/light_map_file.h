@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string_view>
 
 #include "alhazen/result.h"
 #include "reconstruct/scan/light_map.h"
@@ -8,9 +9,13 @@
 namespace alhazen {
 
 /// OpenEXR, uncompressed, data window = region of interest; FLOAT u v sigma_u_px sigma_v_px
-/// contrast, UINT label bit_u bit_v; attributes stop, display, camera, angle_rad.
+/// contrast, UINT label bit_u bit_v; attributes stop, display, camera, angle_rad, xxh3_64 (over the
+/// rest). Fails: invalid (a list's length is not the region's), exhausted, unavailable.
 [[nodiscard]] Status write_light_map(const LightMap& map, const std::filesystem::path& file);
+
 /// Hostile input welcome. Fails: unavailable, corrupt (naming channel or attribute).
 [[nodiscard]] Result<LightMap> read_light_map(const std::filesystem::path& file);
+/// The same from memory. Fails: corrupt.
+[[nodiscard]] Result<LightMap> parse_light_map(std::string_view bytes);
 
 }  // namespace alhazen
