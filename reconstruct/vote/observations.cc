@@ -1,0 +1,267 @@
+#include "reconstruct/vote/observations.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <tuple>
+#include <utility>
+
+namespace alhazen {
+namespace {
+
+template <class Devices>
+std::size_t index_of(const Devices& devices, const std::string& name) {
+  const auto found = std::find_if(devices.begin(), devices.end(),
+                                  [&](const auto& device) { return device.name == name; });
+  return static_cast<std::size_t>(found - devices.begin());
+}
+
+/// The smallest box around all pixels of the map's region with that label; empty without any.
+Region box_of(const LightMap& map, Label label) {
+  int low_x = map.region.width, high_x = -1, low_y = map.region.height, high_y = -1;
+  for (int y = 0; y < map.region.height; ++y) {
+    const Label* row = map.label.data() + static_cast<std::ptrdiff_t>(y) * map.region.width;
+    int first = 0, last = map.region.width - 1;
+    while (first <= last && row[first] != label) ++first;
+    if (first > last) continue;
+    while (row[last] != label) --last;
+    low_x = std::min(low_x, first);
+    high_x = std::max(high_x, last);
+    low_y = std::min(low_y, y);
+    high_y = y;
+  }
+  if (high_x < 0) return {};
+  return {low_x, low_y, high_x - low_x + 1, high_y - low_y + 1};
+}
+
+std::size_t area(const Region& box) {
+  return static_cast<std::size_t>(box.width) * static_cast<std::size_t>(box.height);
+}
+
+/// How far a pixel is from the nearest without direct sight, chessboard steps, at most 255; beyond
+/// the box there is none. Two sweeps (Rosenfeld and Pfaltz, 1966).
+std::vector<std::uint8_t> distances(const LightMap& map, const Region& box) {
+  const int stride = box.width + 2;
+  std::vector<std::uint8_t> far(static_cast<std::size_t>(stride) *
+                                    static_cast<std::size_t>(box.height + 2),
+                                0);
+  const auto at = [&](int x, int y) -> std::uint8_t& {
+    return far[static_cast<std::size_t>(y + 1) * static_cast<std::size_t>(stride) +
+               static_cast<std::size_t>(x + 1)];
+  };
+  const auto lowered = [](std::uint8_t a, std::uint8_t b, std::uint8_t c, std::uint8_t d) {
+    return static_cast<std::uint8_t>(std::min(254, int{std::min(std::min(a, b), std::min(c, d))}) +
+                                     1);
+  };
+  for (int y = 0; y < box.height; ++y) {
+    for (int x = 0; x < box.width; ++x) {
+      const auto pixel = static_cast<std::size_t>(box.y + y) *
+                             static_cast<std::size_t>(map.region.width) +
+                         static_cast<std::size_t>(box.x + x);
+      if (map.label[pixel] != Label::direct_sight) continue;
+      at(x, y) = lowered(at(x - 1, y), at(x - 1, y - 1), at(x, y - 1), at(x + 1, y - 1));
+    }
+  }
+  std::vector<std::uint8_t> result(area(box));
+  for (int y = box.height - 1; y >= 0; --y) {
+    for (int x = box.width - 1; x >= 0; --x) {
+      const std::uint8_t back =
+          lowered(at(x + 1, y), at(x + 1, y + 1), at(x, y + 1), at(x - 1, y + 1));
+      at(x, y) = std::min(at(x, y), back);
+      result[static_cast<std::size_t>(y) * static_cast<std::size_t>(box.width) +
+             static_cast<std::size_t>(x)] = at(x, y);
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+bool Observation::may_see(double x0, double y0, double x1, double y1) const {
+  // Cell (x, y) of the box reaches from pixel box.x + x to the next.
+  const double low_x = std::max(x0 - box.x, 0.0), high_x = std::min(x1 - box.x, box.width - 1.0);
+  const double low_y = std::max(y0 - box.y, 0.0), high_y = std::min(y1 - box.y, box.height - 1.0);
+  if (!(low_x <= high_x && low_y <= high_y)) return false;
+  const int columns = (box.width + kTilePx - 1) / kTilePx;
+  const int first_x = static_cast<int>(low_x) / kTilePx, last_x = static_cast<int>(high_x) / kTilePx;
+  const int first_y = static_cast<int>(low_y) / kTilePx, last_y = static_cast<int>(high_y) / kTilePx;
+  for (int y = first_y; y <= last_y; ++y) {
+    for (int x = first_x; x <= last_x; ++x) {
+      if (tiles[static_cast<std::size_t>(y * columns + x)] != 0) return true;
+    }
+  }
+  return false;
+}
+
+std::size_t Observation::bytes() const noexcept {
+  return uv_px.size() * sizeof(float) + cells.size() * sizeof(std::uint32_t) + tiles.size() +
+         sight_px.size() + sizeof(Observation);
+}
+
+Observations::Observations(Rig rig, const VoteOptions& options,
+                           const Eigen::Vector3d& centre_object_mm)
+    : rig_(std::move(rig)), options_(options), centre_object_mm_(centre_object_mm) {}
+
+Status Observations::add(const LightMap& map) {
+  const std::string name = "light map of stop " + std::to_string(map.key.stop) + ", display " +
+                           map.key.display + ", camera " + map.key.camera;
+  const auto invalid = [&](const std::string& what) {
+    return Error{Code::invalid, name + ": " + what};
+  };
+  const std::size_t camera_index = index_of(rig_.cameras, map.key.camera);
+  const std::size_t display_index = index_of(rig_.displays, map.key.display);
+  if (camera_index == rig_.cameras.size()) return invalid("the rig has no such camera");
+  if (display_index == rig_.displays.size()) return invalid("the rig has no such display");
+  const CameraModel& camera = rig_.cameras[camera_index];
+  const DisplayModel& display = rig_.displays[display_index];
+  const Region& region = map.region;
+  if (region.x < 0 || region.y < 0 || region.width < 1 || region.height < 1 ||
+      region.width > camera.width_px - region.x || region.height > camera.height_px - region.y) {
+    return invalid("its region " + std::to_string(region.width) + " x " +
+                   std::to_string(region.height) + " px at (" + std::to_string(region.x) + ", " +
+                   std::to_string(region.y) + ") is not within the sensor of " +
+                   std::to_string(camera.width_px) + " x " + std::to_string(camera.height_px) +
+                   " px");
+  }
+  const std::size_t count = map.size_px();
+  if (map.label.size() != count || map.u_px.size() != count || map.v_px.size() != count) {
+    return invalid("its lists hold " + std::to_string(map.label.size()) + ", " +
+                   std::to_string(map.u_px.size()) + " and " + std::to_string(map.v_px.size()) +
+                   " pixels, its region " + std::to_string(count));
+  }
+  if (!std::isfinite(map.angle_rad)) return invalid("its angle is not finite");
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!map.is_position(i)) continue;
+    // Half a pixel beyond the display's edge is still its light; a pixel more is rounding.
+    if (!(map.u_px[i] >= -2 && map.u_px[i] <= static_cast<float>(display.width_px) + 1 &&
+          map.v_px[i] >= -2 && map.v_px[i] <= static_cast<float>(display.height_px) + 1)) {
+      return invalid("pixel " + std::to_string(i) + " has position (" +
+                     std::to_string(map.u_px[i]) + ", " + std::to_string(map.v_px[i]) +
+                     "), not on the display of " + std::to_string(display.width_px) + " x " +
+                     std::to_string(display.height_px) + " px");
+    }
+  }
+
+  Observation seen;
+  seen.key = map.key;
+  seen.angle_rad = map.angle_rad;
+  seen.camera = camera_index;
+  const Pose rig_from_object = rig_.turntable.rig_from_object(map.angle_rad);
+  const Pose object_from_rig = rig_from_object.inverse();
+  if (display.mount == Mount::rig) {
+    seen.origin_object_mm = object_from_rig * display.origin_mm;
+    seen.u_object_mm = object_from_rig.rotation * display.u_mm;
+    seen.v_object_mm = object_from_rig.rotation * display.v_mm;
+  } else {
+    seen.origin_object_mm = display.origin_mm;
+    seen.u_object_mm = display.u_mm;
+    seen.v_object_mm = display.v_mm;
+  }
+  seen.inward_object = seen.u_object_mm.cross(seen.v_object_mm).normalized();
+
+  const Region box = box_of(map, Label::mirror);
+  if (area(box) > 0) {
+    seen.box = {region.x + box.x, region.y + box.y, box.width, box.height};
+    seen.uv_px.resize(2 * area(box));
+    const auto source = [&](int x, int y) {
+      return static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(region.width) +
+             static_cast<std::size_t>(box.x + x);
+    };
+    const auto target = [&](int x, int y) {
+      return static_cast<std::size_t>(y) * static_cast<std::size_t>(box.width) +
+             static_cast<std::size_t>(x);
+    };
+    for (int y = 0; y < box.height; ++y) {
+      for (int x = 0; x < box.width; ++x) {
+        const std::size_t from = source(x, y), to = 2 * target(x, y);
+        const bool is_mirror = map.label[from] == Label::mirror;
+        seen.uv_px[to] = is_mirror ? map.u_px[from] : 0;
+        seen.uv_px[to + 1] = is_mirror ? map.v_px[from] : 0;
+      }
+    }
+    const double away_mm =
+        (seen.origin_object_mm + seen.u_object_mm * (display.width_px / 2.0) +
+         seen.v_object_mm * (display.height_px / 2.0) - centre_object_mm_)
+            .norm();
+    const auto jump_u_px =
+        static_cast<float>(options_.jump_rad * away_mm / seen.u_object_mm.norm());
+    const auto jump_v_px =
+        static_cast<float>(options_.jump_rad * away_mm / seen.v_object_mm.norm());
+    seen.cells.assign((area(box) + 31) / 32, 0);
+    const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
+    const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
+    seen.tiles.assign(static_cast<std::size_t>(columns * rows), 0);
+    const auto is_smooth = [&](const std::size_t (&corner)[4], std::size_t axis, float bound) {
+      float low = seen.uv_px[2 * corner[0] + axis], high = low;
+      for (const std::size_t c : corner) {
+        low = std::min(low, seen.uv_px[2 * c + axis]);
+        high = std::max(high, seen.uv_px[2 * c + axis]);
+      }
+      return high - low <= bound;
+    };
+    for (int y = 0; y + 1 < box.height; ++y) {
+      for (int x = 0; x + 1 < box.width; ++x) {
+        if (map.label[source(x, y)] != Label::mirror ||
+            map.label[source(x + 1, y)] != Label::mirror ||
+            map.label[source(x, y + 1)] != Label::mirror ||
+            map.label[source(x + 1, y + 1)] != Label::mirror) {
+          continue;
+        }
+        const std::size_t corner[4] = {target(x, y), target(x + 1, y), target(x, y + 1),
+                                       target(x + 1, y + 1)};
+        if (!is_smooth(corner, 0, jump_u_px) || !is_smooth(corner, 1, jump_v_px)) continue;
+        seen.cells[corner[0] / 32] |= 1u << (corner[0] % 32);
+        seen.tiles[static_cast<std::size_t>(y / Observation::kTilePx * columns +
+                                            x / Observation::kTilePx)] = 1;
+      }
+    }
+  }
+  const Region sight = box_of(map, Label::direct_sight);
+  if (area(sight) > 0) {
+    seen.sight_box = {region.x + sight.x, region.y + sight.y, sight.width, sight.height};
+    seen.sight_px = distances(map, sight);
+  }
+
+  const auto order = [](const Observation& o) {
+    return std::tie(o.key.stop, o.key.camera, o.angle_rad, o.key.display);
+  };
+  if (std::any_of(observations_.begin(), observations_.end(),
+                  [&](const Observation& o) { return o.key == map.key; })) {
+    return Error{Code::conflict, name + ": came before"};
+  }
+  const auto place = std::lower_bound(
+      observations_.begin(), observations_.end(), seen,
+      [&](const Observation& a, const Observation& b) { return order(a) < order(b); });
+  observations_.insert(place, std::move(seen));
+
+  views_.clear();
+  for (std::size_t i = 0; i < observations_.size(); ++i) {
+    const Observation& o = observations_[i];
+    if (i > 0) {
+      const Observation& last = observations_[i - 1];
+      if (std::tie(o.key.stop, o.key.camera, o.angle_rad) ==
+          std::tie(last.key.stop, last.key.camera, last.angle_rad)) {
+        views_.back().end = i + 1;
+        continue;
+      }
+    }
+    View view;
+    view.camera = o.camera;
+    view.camera_from_object =
+        rig_.cameras[o.camera].camera_from_rig * rig_.turntable.rig_from_object(o.angle_rad);
+    view.eye_object_mm = view.camera_from_object.inverse().translation_mm;
+    view.begin = i;
+    view.end = i + 1;
+    views_.push_back(view);
+  }
+  return {};
+}
+
+std::size_t Observations::bytes() const noexcept {
+  std::size_t sum = 0;
+  for (const Observation& o : observations_) sum += o.bytes();
+  return sum;
+}
+
+}  // namespace alhazen

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <compare>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "alhazen/result.h"
+#include "reconstruct/geometry/rig.h"
+#include "reconstruct/options.h"
+#include "reconstruct/scan/light_map.h"
+
+namespace alhazen {
+
+/// What voting keeps of one light map, cropped to where it knows something.
+struct Observation {
+  StackKey key;
+  double angle_rad = 0;
+  std::size_t camera = 0;            ///< of the rig
+  Eigen::Vector3d origin_object_mm;  ///< the display at this stop, object frame
+  Eigen::Vector3d u_object_mm, v_object_mm;
+  Eigen::Vector3d inward_object;  ///< unit normal into the screen
+
+  /// Mirror positions: the box of sensor pixels that holds all of them, (u, v) pairs row by row,
+  /// and one bit per *cell* (the square between four pixels, named by the top left one): all four
+  /// have a position and do not jump.
+  Region box;
+  std::vector<float> uv_px;
+  std::vector<std::uint32_t> cells;
+  /// One byte per kTilePx × kTilePx cells, row by row: 1 if any of them is set.
+  std::vector<std::uint8_t> tiles;
+
+  /// Direct sight of the display: its box, and per pixel the chessboard distance to the nearest
+  /// pixel without it, at most 255.
+  Region sight_box;
+  std::vector<std::uint8_t> sight_px;
+
+  static constexpr int kTilePx = 16;
+  /// Whether any cell of [x0, x1] × [y0, y1] (sensor pixels) may be set.
+  [[nodiscard]] bool may_see(double x0, double y0, double x1, double y1) const;
+  [[nodiscard]] std::size_t bytes() const noexcept;
+};
+
+/// One camera at one stop: what its light maps have in common.
+struct View {
+  std::size_t camera = 0;
+  Pose camera_from_object;
+  Eigen::Vector3d eye_object_mm;
+  std::size_t begin = 0, end = 0;  ///< its observations
+};
+
+/// All light maps so far, in an order that does not depend on the order of arrival: by stop,
+/// camera and display.
+///
+/// Thread: add() by one thread; reading is reentrant.
+class Observations {
+ public:
+  /// Fails: invalid (options).
+  Observations(Rig rig, const VoteOptions& options, const Eigen::Vector3d& centre_object_mm);
+
+  /// Fails: invalid (camera or display not of the rig, region outside the sensor, lists of another
+  /// length, a position that is not finite), conflict (this key came before).
+  Status add(const LightMap& map);
+
+  [[nodiscard]] const Rig& rig() const noexcept { return rig_; }
+  [[nodiscard]] const std::vector<Observation>& all() const noexcept { return observations_; }
+  [[nodiscard]] std::size_t size() const noexcept { return observations_.size(); }
+  /// Views in order, each with its run of all().
+  [[nodiscard]] const std::vector<View>& views() const noexcept { return views_; }
+  [[nodiscard]] std::size_t bytes() const noexcept;
+
+ private:
+  Rig rig_;
+  VoteOptions options_;
+  Eigen::Vector3d centre_object_mm_;
+  std::vector<Observation> observations_;
+  std::vector<View> views_;
+};
+
+}  // namespace alhazen
