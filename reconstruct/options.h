@@ -6,10 +6,54 @@ namespace alhazen {
 
 /// Every tunable of voting (method: reconstruct/README.md).
 struct VoteOptions {
-  /// Bandwidth h of the Gaussian kernel on normals at octree level 7; at each finer level it
-  /// shrinks by `bandwidth_ratio`. rad, range (0, 0.5].
+  /// Bandwidth h of the Gaussian kernel on normals, Σ exp(−|n_v − n|² / 2h²), for a leaf of edge
+  /// `bandwidth_edge_mm`; with each halving of the edge it shrinks by `bandwidth_ratio`.
+  /// rad, range (0, 0.5]; mm, range (0, 1000]; unit 1, range (0, 1].
+  /// Source: the hypotheses at a leaf's centre spread with its distance from the surface by 16 to
+  /// 20 mrad/mm on a sphere of 25 mm; tests/unit/vote checks that the field peaks there.
   double bandwidth_rad = 0.015;
+  double bandwidth_edge_mm = 0.8;
   double bandwidth_ratio = 2.0 / 3.0;
+  /// h is never below this many standard deviations of a hypothesis, as the light maps' own sigmas
+  /// give them. Unit 1, range [0, 10].
+  double bandwidth_noises = 3;
+  /// c = max(0, s − lone_support) / (prior_votes + V) with the support s = Σ exp(−|n_v − N|² / 2h²)
+  /// of V votes: a vote always supports itself, so 1 and a little more says nothing. Unit 1, range
+  /// [1, 10].
+  double lone_support = 1.2;
+  /// How many votes that disagree are presumed before the first: few votes that agree by chance
+  /// weigh little. Unit 1, range [0, 100].
+  double prior_votes = 4;
+  /// Hypotheses nearer to grazing are left out: least n·v = n·l. Unit 1, range [0, 1).
+  double min_cosine = 0.08;
+  /// Neighbouring pixels whose display positions are farther apart, as an angle seen from the
+  /// volume's centre, are not interpolated between. rad, range (0, 3]. A mirror of radius R turns
+  /// the light by 2·pixel/(R cos θ): 0.15 rad is R = 2 mm seen with 0.15 mm pixels.
+  double jump_rad = 0.15;
+};
+
+/// Every tunable of the depth refinement (reconstruct/vote/depth.h).
+struct DepthOptions {
+  /// Rounds of gathering and solving. Range 1 … 10.
+  int rounds = 3;
+  /// Central difference over ± this, in the first round and in the others. mm, range (0, 10].
+  double first_step_mm = 0.15, step_mm = 0.10;
+  /// Votes farther than this from the normal are left out. rad, range (0, 1].
+  double first_cone_rad = 0.06, cone_rad = 0.03;
+  /// Reweightings by Tukey's biweight in each round. Range 0 … 20.
+  int tukey_rounds = 3;
+  /// Accepted: at least so many votes agree (range 3 … 100),
+  int min_votes = 4;
+  /// their median residual is at most this, or so many standard deviations of a hypothesis by the
+  /// light maps' own sigmas, whichever is more (rad, range (0, 1]; unit 1, range [0, 10]),
+  double max_residual_rad = 1e-3;
+  double max_residual_noises = 2;
+  /// the last correction is at most this (mm, range (0, 10]),
+  double max_last_step_mm = 0.1;
+  /// the foot point is within so many leaf edges of the leaf's centre (range (0, 10]),
+  double max_offset_edges = 1.5;
+  /// and the standard deviation is at most so many leaf edges (range (0, 10]).
+  double max_sigma_edges = 0.5;
 };
 
 /// Every tunable of the surface stage.
@@ -35,6 +79,7 @@ struct SurfaceOptions {
 
 struct Options {
   VoteOptions vote;
+  DepthOptions depth;
   SurfaceOptions surface;
   /// Fails: invalid, naming the tunable and its range.
   [[nodiscard]] Status is_valid() const;

@@ -47,8 +47,8 @@ HWY_INLINE FloatVector inverse_sqrt(FloatTag d, FloatVector x) {
 void project_impl(const LocalProjection& projection, const float* x_mm, const float* y_mm,
                   const float* z_mm, std::size_t count, float* x_px, float* y_px) {
   const FloatTag d;
-  const auto polynomial = [&](const float* c, FloatVector x, FloatVector y, FloatVector z)
-                              HWY_ATTR {
+  const auto polynomial = [&](const float* c, FloatVector x, FloatVector y,
+                              FloatVector z) HWY_ATTR {
     // c0 + x (c1 + c4 x + c7 y + c8 z) + y (c2 + c5 y + c9 z) + z (c3 + c6 z)
     auto along_x = hn::MulAdd(hn::Set(d, c[4]), x, hn::Set(d, c[1]));
     along_x = hn::MulAdd(hn::Set(d, c[7]), y, along_x);
@@ -56,8 +56,7 @@ void project_impl(const LocalProjection& projection, const float* x_mm, const fl
     auto along_y = hn::MulAdd(hn::Set(d, c[5]), y, hn::Set(d, c[2]));
     along_y = hn::MulAdd(hn::Set(d, c[9]), z, along_y);
     const auto along_z = hn::MulAdd(hn::Set(d, c[6]), z, hn::Set(d, c[3]));
-    return hn::MulAdd(along_x, x,
-                      hn::MulAdd(along_y, y, hn::MulAdd(along_z, z, hn::Set(d, c[0]))));
+    return hn::MulAdd(along_x, x, hn::MulAdd(along_y, y, hn::MulAdd(along_z, z, hn::Set(d, c[0]))));
   };
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     const auto x = hn::LoadU(d, x_mm + i), y = hn::LoadU(d, y_mm + i), z = hn::LoadU(d, z_mm + i);
@@ -68,8 +67,8 @@ void project_impl(const LocalProjection& projection, const float* x_mm, const fl
 }
 
 std::size_t look_up_impl(const MapView& map, const float* x_mm, const float* y_mm,
-                         const float* z_mm, const float* x_px, const float* y_px,
-                         std::size_t count, float* scratch, const VoteList& votes) {
+                         const float* z_mm, const float* x_px, const float* y_px, std::size_t count,
+                         float* scratch, const VoteList& votes) {
   const FloatTag d;
   const IntTag di;
   const UintTag du;
@@ -137,17 +136,15 @@ std::size_t look_up_impl(const MapView& map, const float* x_mm, const float* y_m
     const auto px = at(x_mm), py = at(y_mm), pz = at(z_mm);
     const auto display = [&](int axis) HWY_ATTR {
       return hn::MulAdd(hn::Set(d, map.v_mm[axis]), v,
-                        hn::MulAdd(hn::Set(d, map.u_mm[axis]), u,
-                                   hn::Set(d, map.origin_mm[axis])));
+                        hn::MulAdd(hn::Set(d, map.u_mm[axis]), u, hn::Set(d, map.origin_mm[axis])));
     };
     const auto lx = hn::Sub(display(0), px), ly = hn::Sub(display(1), py),
                lz = hn::Sub(display(2), pz);
     const auto vx = hn::Sub(hn::Set(d, map.eye_mm[0]), px),
                vy = hn::Sub(hn::Set(d, map.eye_mm[1]), py),
                vz = hn::Sub(hn::Set(d, map.eye_mm[2]), pz);
-    const auto square = [&](FloatVector a, FloatVector b, FloatVector c) HWY_ATTR {
-      return hn::MulAdd(a, a, hn::MulAdd(b, b, hn::Mul(c, c)));
-    };
+    const auto square = [&](FloatVector a, FloatVector b, FloatVector c)
+                            HWY_ATTR { return hn::MulAdd(a, a, hn::MulAdd(b, b, hn::Mul(c, c))); };
     const auto l_scale = inverse_sqrt(d, square(lx, ly, lz));
     const auto v_scale = inverse_sqrt(d, square(vx, vy, vz));
     auto nx = hn::MulAdd(vx, v_scale, hn::Mul(lx, l_scale));

@@ -43,9 +43,8 @@ std::size_t area(const Region& box) {
 /// the box there is none. Two sweeps (Rosenfeld and Pfaltz, 1966).
 std::vector<std::uint8_t> distances(const LightMap& map, const Region& box) {
   const int stride = box.width + 2;
-  std::vector<std::uint8_t> far(static_cast<std::size_t>(stride) *
-                                    static_cast<std::size_t>(box.height + 2),
-                                0);
+  std::vector<std::uint8_t> far(
+      static_cast<std::size_t>(stride) * static_cast<std::size_t>(box.height + 2), 0);
   const auto at = [&](int x, int y) -> std::uint8_t& {
     return far[static_cast<std::size_t>(y + 1) * static_cast<std::size_t>(stride) +
                static_cast<std::size_t>(x + 1)];
@@ -56,9 +55,9 @@ std::vector<std::uint8_t> distances(const LightMap& map, const Region& box) {
   };
   for (int y = 0; y < box.height; ++y) {
     for (int x = 0; x < box.width; ++x) {
-      const auto pixel = static_cast<std::size_t>(box.y + y) *
-                             static_cast<std::size_t>(map.region.width) +
-                         static_cast<std::size_t>(box.x + x);
+      const auto pixel =
+          static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(map.region.width) +
+          static_cast<std::size_t>(box.x + x);
       if (map.label[pixel] != Label::direct_sight) continue;
       at(x, y) = lowered(at(x - 1, y), at(x - 1, y - 1), at(x, y - 1), at(x + 1, y - 1));
     }
@@ -84,8 +83,10 @@ bool Observation::may_see(double x0, double y0, double x1, double y1) const {
   const double low_y = std::max(y0 - box.y, 0.0), high_y = std::min(y1 - box.y, box.height - 1.0);
   if (!(low_x <= high_x && low_y <= high_y)) return false;
   const int columns = (box.width + kTilePx - 1) / kTilePx;
-  const int first_x = static_cast<int>(low_x) / kTilePx, last_x = static_cast<int>(high_x) / kTilePx;
-  const int first_y = static_cast<int>(low_y) / kTilePx, last_y = static_cast<int>(high_y) / kTilePx;
+  const int first_x = static_cast<int>(low_x) / kTilePx,
+            last_x = static_cast<int>(high_x) / kTilePx;
+  const int first_y = static_cast<int>(low_y) / kTilePx,
+            last_y = static_cast<int>(high_y) / kTilePx;
   for (int y = first_y; y <= last_y; ++y) {
     for (int x = first_x; x <= last_x; ++x) {
       if (tiles[static_cast<std::size_t>(y * columns + x)] != 0) return true;
@@ -180,19 +181,34 @@ Status Observations::add(const LightMap& map) {
         seen.uv_px[to + 1] = is_mirror ? map.v_px[from] : 0;
       }
     }
-    const double away_mm =
-        (seen.origin_object_mm + seen.u_object_mm * (display.width_px / 2.0) +
-         seen.v_object_mm * (display.height_px / 2.0) - centre_object_mm_)
-            .norm();
+    const double away_mm = (seen.origin_object_mm + seen.u_object_mm * (display.width_px / 2.0) +
+                            seen.v_object_mm * (display.height_px / 2.0) - centre_object_mm_)
+                               .norm();
     const auto jump_u_px =
         static_cast<float>(options_.jump_rad * away_mm / seen.u_object_mm.norm());
     const auto jump_v_px =
         static_cast<float>(options_.jump_rad * away_mm / seen.v_object_mm.norm());
+    // A display error e seen from D away tilts the hypothesis by e / 2D; every 7th pixel will do.
+    if (map.sigma_u_px.size() == count && map.sigma_v_px.size() == count) {
+      std::vector<float> noise;
+      for (std::size_t i = 0; i < count; i += 7) {
+        if (map.label[i] != Label::mirror) continue;
+        const double sigma = std::hypot(map.sigma_u_px[i] * seen.u_object_mm.norm(),
+                                        map.sigma_v_px[i] * seen.v_object_mm.norm()) /
+                             std::sqrt(2.0);
+        if (std::isfinite(sigma)) noise.push_back(static_cast<float>(sigma / (2 * away_mm)));
+      }
+      if (!noise.empty()) {
+        const auto middle = noise.begin() + static_cast<std::ptrdiff_t>(noise.size() / 2);
+        std::nth_element(noise.begin(), middle, noise.end());
+        seen.noise_rad = *middle;
+      }
+    }
     seen.cells.assign((area(box) + 31) / 32, 0);
     const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
     const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
     seen.tiles.assign(static_cast<std::size_t>(columns * rows), 0);
-    const auto is_smooth = [&](const std::size_t (&corner)[4], std::size_t axis, float bound) {
+    const auto is_smooth = [&](const std::size_t(&corner)[4], std::size_t axis, float bound) {
       float low = seen.uv_px[2 * corner[0] + axis], high = low;
       for (const std::size_t c : corner) {
         low = std::min(low, seen.uv_px[2 * c + axis]);
@@ -223,6 +239,9 @@ Status Observations::add(const LightMap& map) {
     seen.sight_px = distances(map, sight);
   }
 
+  if (observations_.size() >= 65535) {
+    return Error{Code::exhausted, name + ": a scan has at most 65535 light maps"};
+  }
   const auto order = [](const Observation& o) {
     return std::tie(o.key.stop, o.key.camera, o.angle_rad, o.key.display);
   };

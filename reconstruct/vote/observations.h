@@ -21,6 +21,7 @@ struct Observation {
   Eigen::Vector3d origin_object_mm;  ///< the display at this stop, object frame
   Eigen::Vector3d u_object_mm, v_object_mm;
   Eigen::Vector3d inward_object;  ///< unit normal into the screen
+  float noise_rad = 0;  ///< median standard deviation of a hypothesis by the map's own sigmas
 
   /// Mirror positions: the box of sensor pixels that holds all of them, (u, v) pairs row by row,
   /// and one bit per *cell* (the square between four pixels, named by the top left one): all four

@@ -71,8 +71,8 @@ Vector3d sight(const CameraModel& camera, double x_px, double y_px) {
   const Vector2d wanted((x_px - camera.cx_px) / camera.fx_px, (y_px - camera.cy_px) / camera.fy_px);
   const auto distorted = [&](const Vector2d& p) {
     const double r2 = p.squaredNorm();
-    const double radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) /
-                          (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+    const double radial =
+        (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
     return Vector2d(p.x() * radial + 2 * k[2] * p.x() * p.y() + k[3] * (r2 + 2 * p.x() * p.x()),
                     p.y() * radial + k[2] * (r2 + 2 * p.y() * p.y()) + 2 * k[3] * p.x() * p.y());
   };
@@ -94,10 +94,13 @@ class View {
  public:
   View(const Rig& rig, const Shape& shape, const CameraModel& camera, const DisplayModel& display,
        double angle_rad)
-      : shape_(shape), display_(display), axis_(rig.turntable.direction.normalized()),
-        point_(rig.turntable.point_mm), angle_(angle_rad) {
-    eye_ = place(-camera.camera_from_rig.rotation.transpose() *
-                 camera.camera_from_rig.translation_mm);
+      : shape_(shape),
+        display_(display),
+        axis_(rig.turntable.direction.normalized()),
+        point_(rig.turntable.point_mm),
+        angle_(angle_rad) {
+    eye_ =
+        place(-camera.camera_from_rig.rotation.transpose() * camera.camera_from_rig.translation_mm);
     if (display.mount == Mount::rig) {
       display_.origin_mm = place(display.origin_mm);
       display_.u_mm = turn(display.u_mm);
@@ -217,9 +220,8 @@ LightMap render(const View& view, const Sights& sights, const DisplayModel& disp
       const std::size_t i = y * width + x;
       View::Seen seen = view.see(sights.centres[i]);
       const std::array<View::Seen, 4> corners{above[x], above[x + 1], below[x], below[x + 1]};
-      const bool is_same = std::all_of(corners.begin(), corners.end(), [&](const View::Seen& c) {
-        return c.label == seen.label;
-      });
+      const bool is_same = std::all_of(corners.begin(), corners.end(),
+                                       [&](const View::Seen& c) { return c.label == seen.label; });
       if (!is_same) seen.label = Label::mixed;
       if (seen.label == Label::saturated) seen.label = Label::none;
       map.label[i] = seen.label;
@@ -347,11 +349,10 @@ Region region_of(const Rig& rig, const CameraModel& camera, const Vector3d& cent
   double low_x = camera.width_px, high_x = 0, low_y = camera.height_px, high_y = 0;
   for (int step = 0; step < 24; ++step) {
     const Vector3d axis = rig.turntable.direction.normalized();
-    const Vector3d centre = rig.turntable.point_mm +
-                            turned(centre_mm - rig.turntable.point_mm, axis,
-                                   step * std::numbers::pi / 12);
-    const Vector3d c = camera.camera_from_rig.rotation * centre +
-                       camera.camera_from_rig.translation_mm;
+    const Vector3d centre = rig.turntable.point_mm + turned(centre_mm - rig.turntable.point_mm,
+                                                            axis, step * std::numbers::pi / 12);
+    const Vector3d c =
+        camera.camera_from_rig.rotation * centre + camera.camera_from_rig.translation_mm;
     // Three pixels more than the ball without distortion, which moves the edge less than that.
     const double reach = radius_mm / c.z() * std::max(camera.fx_px, camera.fy_px) * 1.02 + 3;
     const double x = camera.cx_px + camera.fx_px * c.x() / c.z();

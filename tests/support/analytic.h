@@ -52,7 +52,7 @@ struct RigSize {
   double pixel_mm = 0.15;  ///< of a camera, on the object
   int sensor_px = 1024;
   bool has_distortion = true;
-  bool has_above = true;  ///< a third display, above
+  bool has_above = true;      ///< a third display, above
   bool tablet_turns = false;  ///< the display below is mounted on the turntable
 };
 
