@@ -32,7 +32,8 @@ Distorted distort(const Vec2& p, const std::array<double, 8>& k) {
 }  // namespace
 
 Vec2 Lens::project(const Vec3& p_camera_mm) const {
-  const Vec2 p = distort({p_camera_mm.x() / p_camera_mm.z(), p_camera_mm.y() / p_camera_mm.z()}, k).point;
+  const Vec2 p =
+      distort({p_camera_mm.x() / p_camera_mm.z(), p_camera_mm.y() / p_camera_mm.z()}, k).point;
   return {fx_px * p.x() + cx_px, fy_px * p.y() + cy_px};
 }
 
@@ -43,8 +44,7 @@ Vec2 Lens::plane_point(const Vec2& pixel, const Vec2& start) const {
   for (int step = 0; step < kMostSteps; ++step) {
     const Distorted now = distort(p, k);
     const Vec2 miss = wanted - now.point;
-    const double det =
-        now.slope(0, 0) * now.slope(1, 1) - now.slope(0, 1) * now.slope(1, 0);
+    const double det = now.slope(0, 0) * now.slope(1, 1) - now.slope(0, 1) * now.slope(1, 0);
     p.x() += (miss.x() * now.slope(1, 1) - miss.y() * now.slope(0, 1)) / det;
     p.y() += (miss.y() * now.slope(0, 0) - miss.x() * now.slope(1, 0)) / det;
     // Quadratic convergence: a miss of 1e-7 was mended to 1e-14 by the step just made.

@@ -18,8 +18,8 @@ struct Lens {
   /// REQUIRES: p_camera.z() > 0.
   [[nodiscard]] Vec2 project(const Vec3& p_camera_mm) const;
 
-  /// The point of the plane z = 1 seen at `pixel`, to 1e-12. Newton's method from `start`: the answer
-  /// for a neighbouring pixel saves steps.
+  /// The point of the plane z = 1 seen at `pixel`, to 1e-12. Newton's method from `start`: the
+  /// answer for a neighbouring pixel saves steps.
   [[nodiscard]] Vec2 plane_point(const Vec2& pixel, const Vec2& start) const;
   [[nodiscard]] Vec2 plane_point(const Vec2& pixel) const {
     return plane_point(pixel, {(pixel.x() - cx_px) / fx_px, (pixel.y() - cy_px) / fy_px});

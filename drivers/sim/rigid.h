@@ -18,9 +18,7 @@ struct Rigid {
   [[nodiscard]] Rigid operator*(const Rigid& inner) const {
     return {turn * inner.turn, turn * inner.shift_mm + shift_mm};
   }
-  [[nodiscard]] Rigid inverse() const {
-    return {turn.transpose(), -(turn.transpose() * shift_mm)};
-  }
+  [[nodiscard]] Rigid inverse() const { return {turn.transpose(), -(turn.transpose() * shift_mm)}; }
 };
 
 /// Axes (columns x right, y down, z away) of a viewer or screen that looks along `forward`, upright

@@ -1,5 +1,6 @@
 #include "drivers/sim/scene.h"
 
+#include <toml++/toml.h>
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -7,7 +8,6 @@
 #include <set>
 #include <sstream>
 #include <string_view>
-#include <toml++/toml.h>
 #include <utility>
 
 #include "alhazen/caught.h"
@@ -18,10 +18,11 @@ namespace {
 
 constexpr double kRadFromDeg = std::numbers::pi / 180;
 
-/// A table of the file as Settings, which knows how to complain. Sub-tables are not values; they are
-/// taken by name from the parent.
+/// A table of the file as Settings, which knows how to complain. Sub-tables are not values; they
+/// are taken by name from the parent.
 Result<Settings> settings_of(const toml::table& table, const std::string& file,
-                             const std::string& name, const std::set<std::string, std::less<>>& parts) {
+                             const std::string& name,
+                             const std::set<std::string, std::less<>>& parts) {
   Settings out(file, name, std::filesystem::path(file).parent_path().string());
   for (const auto& [key, node] : table) {
     const std::string word(key.str());
@@ -57,7 +58,8 @@ Result<Vec3> point(const Settings& from, std::string_view key) {
   const std::vector<double> numbers = ALHAZEN_TRY(from.numbers(key, 3));
   for (const double number : numbers)
     if (!(std::abs(number) <= 1e5))
-      return Error{Code::invalid, "key '" + std::string(key) + "' must be three numbers in [-100000, 100000]"};
+      return Error{Code::invalid,
+                   "key '" + std::string(key) + "' must be three numbers in [-100000, 100000]"};
   return Vec3(numbers[0], numbers[1], numbers[2]);
 }
 
@@ -65,11 +67,13 @@ Result<Vec3> point_or(const Settings& from, std::string_view key, const Vec3& fa
   return from.has(key) ? point(from, key) : Result<Vec3>(fallback);
 }
 
-Result<Micros> milliseconds_or(const Settings& from, std::string_view key, double fallback, double min, double max) {
+Result<Micros> milliseconds_or(const Settings& from, std::string_view key, double fallback,
+                               double min, double max) {
   return Micros(std::llround(1e3 * ALHAZEN_TRY(from.number_or(key, fallback, min, max))));
 }
 
-Error out_of(const std::string& file, const std::string& key, const std::string& given, const std::string& wanted) {
+Error out_of(const std::string& file, const std::string& key, const std::string& given,
+             const std::string& wanted) {
   return {Code::invalid, file + ": key '" + key + "' is " + given + "; it must be " + wanted};
 }
 
@@ -79,9 +83,10 @@ class Reader {
   Reader(const toml::table& root, std::string file) : root_(root), file_(std::move(file)) {}
 
   Result<Scene> read(const SceneOverrides& overrides) {
-    const Settings top = ALHAZEN_TRY(settings_of(
-        root_, file_, "",
-        {"renderer", "ambient", "object", "holder", "turntable", "sensor", "arc", "camera", "display", "fault"}));
+    const Settings top =
+        ALHAZEN_TRY(settings_of(root_, file_, "",
+                                {"renderer", "ambient", "object", "holder", "turntable", "sensor",
+                                 "arc", "camera", "display", "fault"}));
     scene_.seed = static_cast<std::uint64_t>(ALHAZEN_TRY(top.integer_or("seed", 1, 0, INT64_MAX)));
     if (overrides.seed) scene_.seed = *overrides.seed;
     ALHAZEN_TRY(top.all_known());
@@ -102,7 +107,8 @@ class Reader {
     const toml::node* node = root_.get(name);
     if (node == nullptr) return Settings(file_, name, "");
     if (!node->is_table())
-      return Error{Code::invalid, file_ + ":" + std::to_string(node->source().begin.line) + ": '" + name + "' must be a table [" + name + "]"};
+      return Error{Code::invalid, file_ + ":" + std::to_string(node->source().begin.line) + ": '" +
+                                      name + "' must be a table [" + name + "]"};
     return settings_of(*node->as_table(), file_, name, {});
   }
   /// The tables of an array [[name]].
@@ -110,12 +116,13 @@ class Reader {
     std::vector<Settings> out;
     const toml::node* node = root_.get(name);
     if (node == nullptr) return out;
-    const Error wrong{Code::invalid, file_ + ":" + std::to_string(node->source().begin.line) + ": '" + name +
-                                         "' must be tables [[" + name + "]]"};
+    const Error wrong{Code::invalid, file_ + ":" + std::to_string(node->source().begin.line) +
+                                         ": '" + name + "' must be tables [[" + name + "]]"};
     if (!node->is_array()) return wrong;
     for (const auto& item : *node->as_array()) {
       if (!item.is_table()) return wrong;
-      out.push_back(ALHAZEN_TRY(settings_of(*item.as_table(), file_, name + "[" + std::to_string(out.size()) + "]", {})));
+      out.push_back(ALHAZEN_TRY(
+          settings_of(*item.as_table(), file_, name + "[" + std::to_string(out.size()) + "]", {})));
     }
     return out;
   }
@@ -124,7 +131,8 @@ class Reader {
     const Settings from = ALHAZEN_TRY(part("renderer"));
     scene_.renderer.samples_across =
         static_cast<int>(ALHAZEN_TRY(from.integer_or("samples_across", 4, 2, 8)));
-    scene_.renderer.path_depth = static_cast<int>(ALHAZEN_TRY(from.integer_or("path_depth", 3, 1, 16)));
+    scene_.renderer.path_depth =
+        static_cast<int>(ALHAZEN_TRY(from.integer_or("path_depth", 3, 1, 16)));
     scene_.renderer.memory_bytes =
         static_cast<std::size_t>(ALHAZEN_TRY(from.integer_or("memory_mb", 1024, 16, 65536))) << 20;
     ALHAZEN_TRY(from.all_known());
@@ -140,8 +148,8 @@ class Reader {
     object.reflectance = ALHAZEN_TRY(from.number_or("reflectance", 0.9, 0, 1));
     object.diffuse = ALHAZEN_TRY(from.number_or("diffuse", 0, 0, 1));
     if (overrides.object_mesh && form != "mesh")
-      return Error{Code::invalid, file_ + ": an object mesh is given, but object.form is \"" + form +
-                                      "\"; it must be \"mesh\""};
+      return Error{Code::invalid, file_ + ": an object mesh is given, but object.form is \"" +
+                                      form + "\"; it must be \"mesh\""};
     constexpr double kMin = kSmallestSizeMm, kMax = kLargestSizeMm;
     if (form == "sphere") {
       object.form = Form::sphere;
@@ -149,7 +157,8 @@ class Reader {
     } else if (form == "torus") {
       object.form = Form::torus;
       object.ring_radius_mm = ALHAZEN_TRY(from.number("ring_radius_mm", kMin, kMax));
-      object.tube_radius_mm = ALHAZEN_TRY(from.number("tube_radius_mm", kMin / 2, object.ring_radius_mm));
+      object.tube_radius_mm =
+          ALHAZEN_TRY(from.number("tube_radius_mm", kMin / 2, object.ring_radius_mm));
     } else if (form == "pits") {
       object.form = Form::pits;
       object.block_mm = ALHAZEN_TRY(point(from, "block_mm"));
@@ -158,7 +167,8 @@ class Reader {
       object.pit_count = static_cast<int>(ALHAZEN_TRY(from.integer("pit_count", 1, 100)));
       const double room = std::min(object.block_mm.x() / object.pit_count, object.block_mm.y()) / 2;
       object.pit_radius_mm = ALHAZEN_TRY(from.number("pit_radius_mm", 0.1, 0.98 * room));
-      object.pit_depth_max_mm = ALHAZEN_TRY(from.number("pit_depth_max_mm", 0, 0.95 * object.block_mm.z()));
+      object.pit_depth_max_mm =
+          ALHAZEN_TRY(from.number("pit_depth_max_mm", 0, 0.95 * object.block_mm.z()));
     } else if (form == "mesh") {
       object.form = Form::mesh;
       if (from.has("mesh")) object.mesh = ALHAZEN_TRY(from.path("mesh"));
@@ -168,10 +178,13 @@ class Reader {
       if (overrides.object_size_mm) object.size_mm = *overrides.object_size_mm;
       if (overrides.object_up) object.up = *overrides.object_up;
       if (object.mesh.empty())
-        return out_of(file_, "object.mesh", "missing", "the path of a closed mesh, here or as the driver's key object_mesh");
+        return out_of(file_, "object.mesh", "missing",
+                      "the path of a closed mesh, here or as the driver's key object_mesh");
       if (!(object.size_mm >= kMin && object.size_mm <= kMax))
-        return out_of(file_, "object.size_mm", object.size_mm == 0 ? "missing" : std::to_string(object.size_mm),
-                      "the object's longest edge, a number in [1, 1000], here or as the driver's key object_size_mm");
+        return out_of(file_, "object.size_mm",
+                      object.size_mm == 0 ? "missing" : std::to_string(object.size_mm),
+                      "the object's longest edge, a number in [1, 1000], here or as the driver's "
+                      "key object_size_mm");
       static const std::set<std::string> kAxes{"x", "y", "z", "-x", "-y", "-z"};
       if (!kAxes.contains(object.up))
         return out_of(file_, "object.up", "\"" + object.up + "\"", "x, y, z, -x, -y or -z");
@@ -179,7 +192,8 @@ class Reader {
       return out_of(file_, "object.form", "\"" + form + "\"", "sphere, torus, pits or mesh");
     }
     if (object.form == Form::mesh || object.form == Form::pits) {
-      object.min_triangles = static_cast<std::size_t>(ALHAZEN_TRY(from.integer_or("min_triangles", 1'000'000, 4, 10'000'000)));
+      object.min_triangles = static_cast<std::size_t>(
+          ALHAZEN_TRY(from.integer_or("min_triangles", 1'000'000, 4, 10'000'000)));
       object.crease_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("crease_deg", 30, 1, 180));
     }
     return from.all_known();
@@ -198,14 +212,18 @@ class Reader {
     TableTruth& table = scene_.table;
     table.point_mm = ALHAZEN_TRY(point_or(from, "point_mm", Vec3::Zero()));
     const Vec3 direction = ALHAZEN_TRY(point_or(from, "direction", Vec3::UnitZ()));
-    if (!(direction.norm() > 1e-6)) return out_of(file_, "turntable.direction", "zero", "a direction");
+    if (!(direction.norm() > 1e-6))
+      return out_of(file_, "turntable.direction", "zero", "a direction");
     table.direction = direction.normalized();
     table.speed_rad_s = kRadFromDeg * ALHAZEN_TRY(from.number_or("speed_deg_s", 30, 0.01, 3600));
-    table.acceleration_rad_s2 = kRadFromDeg * ALHAZEN_TRY(from.number_or("acceleration_deg_s2", 60, 0.01, 36000));
+    table.acceleration_rad_s2 =
+        kRadFromDeg * ALHAZEN_TRY(from.number_or("acceleration_deg_s2", 60, 0.01, 36000));
     table.backlash_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("backlash_deg", 0, 0, 10));
-    table.position_error_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("position_error_deg", 0, 0, 10));
+    table.position_error_rad =
+        kRadFromDeg * ALHAZEN_TRY(from.number_or("position_error_deg", 0, 0, 10));
     table.wobble_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("wobble_deg", 0, 0, 10));
-    table.encoder_step_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("encoder_step_deg", 1e-4, 1e-9, 10));
+    table.encoder_step_rad =
+        kRadFromDeg * ALHAZEN_TRY(from.number_or("encoder_step_deg", 1e-4, 1e-9, 10));
     table.min_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("min_deg", 0, -36000, 36000));
     table.max_rad = kRadFromDeg * ALHAZEN_TRY(from.number_or("max_deg", 0, -36000, 36000));
     if (table.max_rad < table.min_rad)
@@ -223,11 +241,13 @@ class Reader {
     sensor.read_noise_e = ALHAZEN_TRY(from.number_or("read_noise_e", 7, 0, 1e5));
     sensor.shot_noise = ALHAZEN_TRY(from.flag_or("shot_noise", true));
     sensor.black_level_share = ALHAZEN_TRY(from.number_or("black_level_share", 0.02, 0, 0.5));
-    sensor.saturation_exposure = ALHAZEN_TRY(milliseconds_or(from, "saturation_exposure_ms", 12, 0.001, 1e6));
+    sensor.saturation_exposure =
+        ALHAZEN_TRY(milliseconds_or(from, "saturation_exposure_ms", 12, 0.001, 1e6));
     sensor.exposure_min = ALHAZEN_TRY(milliseconds_or(from, "exposure_min_ms", 0.02, 0.001, 1e6));
     sensor.exposure_max = ALHAZEN_TRY(milliseconds_or(from, "exposure_max_ms", 1000, 0.001, 1e6));
     if (sensor.exposure_max < sensor.exposure_min)
-      return out_of(file_, "sensor.exposure_max_ms", "below exposure_min_ms", "exposure_min_ms or more");
+      return out_of(file_, "sensor.exposure_max_ms", "below exposure_min_ms",
+                    "exposure_min_ms or more");
     sensor.gain_max_db = ALHAZEN_TRY(from.number_or("gain_max_db", 24, 0, 60));
     sensor.readout = ALHAZEN_TRY(milliseconds_or(from, "readout_ms", 15, 0, 1e5));
     return from.all_known();
@@ -246,7 +266,8 @@ class Reader {
     std::vector<Mounting> mountings(static_cast<std::size_t>(count), usual);
     for (int i = 0; i < count; ++i) {
       const double share = count > 1 ? static_cast<double>(i) / (count - 1) : 0;
-      mountings[static_cast<std::size_t>(i)].elevation_deg = elevations[0] + share * (elevations[1] - elevations[0]);
+      mountings[static_cast<std::size_t>(i)].elevation_deg =
+          elevations[0] + share * (elevations[1] - elevations[0]);
     }
     for (const Settings& own : ALHAZEN_TRY(parts("camera"))) {
       const std::string id = ALHAZEN_TRY(own.text("id"));
@@ -255,7 +276,8 @@ class Reader {
       if (index == mountings.size())
         return out_of(file_, "camera.id", "\"" + id + "\"", "c0 … c" + std::to_string(count - 1));
       Mounting& mounting = mountings[index];
-      mounting.elevation_deg = ALHAZEN_TRY(own.number_or("elevation_deg", mounting.elevation_deg, -90, 90));
+      mounting.elevation_deg =
+          ALHAZEN_TRY(own.number_or("elevation_deg", mounting.elevation_deg, -90, 90));
       mounting = ALHAZEN_TRY(read_mounting(own, mounting, false));
       ALHAZEN_TRY(own.all_known());
     }
@@ -296,7 +318,8 @@ class Reader {
 
   static CameraTruth camera_of(const Mounting& from, std::string id) {
     const double up = kRadFromDeg * from.elevation_deg, round = kRadFromDeg * from.azimuth_deg;
-    const Vec3 outward(std::cos(up) * std::cos(round), std::cos(up) * std::sin(round), std::sin(up));
+    const Vec3 outward(std::cos(up) * std::cos(round), std::cos(up) * std::sin(round),
+                       std::sin(up));
     CameraTruth out;
     out.id = std::move(id);
     out.width_px = from.width_px;
@@ -315,7 +338,9 @@ class Reader {
       DisplayTruth display;
       display.id = ALHAZEN_TRY(from.text("id"));
       for (const DisplayTruth& other : scene_.displays)
-        if (other.id == display.id) return out_of(file_, "display.id", "\"" + display.id + "\" twice", "different for each display");
+        if (other.id == display.id)
+          return out_of(file_, "display.id", "\"" + display.id + "\" twice",
+                        "different for each display");
       display.width_px = static_cast<int>(ALHAZEN_TRY(from.integer("width_px", 2, 16384)));
       display.height_px = static_cast<int>(ALHAZEN_TRY(from.integer("height_px", 2, 16384)));
       const double pitch = ALHAZEN_TRY(from.number("pitch_mm", 1e-3, 100));
@@ -323,11 +348,13 @@ class Reader {
       const Vec3 faces = ALHAZEN_TRY(point(from, "faces_mm"));
       const double roll = kRadFromDeg * ALHAZEN_TRY(from.number_or("roll_deg", 0, -360, 360));
       if (!((centre - faces).norm() > 1e-6))
-        return out_of(file_, "display.faces_mm", "the display's own centre", "a point in front of it");
+        return out_of(file_, "display.faces_mm", "the display's own centre",
+                      "a point in front of it");
       const Eigen::Matrix3d axes = upright_axes(centre - faces, roll);
       display.u_mm = pitch * axes.col(0);
       display.v_mm = pitch * axes.col(1);
-      display.origin_mm = centre - (display.width_px - 1) / 2.0 * display.u_mm - (display.height_px - 1) / 2.0 * display.v_mm;
+      display.origin_mm = centre - (display.width_px - 1) / 2.0 * display.u_mm -
+                          (display.height_px - 1) / 2.0 * display.v_mm;
       const std::string mount = ALHAZEN_TRY(from.text_or("mount", "rig"));
       if (mount != "rig" && mount != "turntable")
         return out_of(file_, "display.mount", "\"" + mount + "\"", "rig or turntable");
@@ -347,29 +374,38 @@ class Reader {
     for (const Settings& from : ALHAZEN_TRY(parts("fault"))) {
       FaultRule rule;
       rule.device = ALHAZEN_TRY(from.text("device"));
-      const bool is_camera = std::any_of(scene_.cameras.begin(), scene_.cameras.end(), [&](const auto& c) { return c.id == rule.device; });
-      const bool is_display = std::any_of(scene_.displays.begin(), scene_.displays.end(), [&](const auto& d) { return d.id == rule.device; });
+      const bool is_camera = std::any_of(scene_.cameras.begin(), scene_.cameras.end(),
+                                         [&](const auto& c) { return c.id == rule.device; });
+      const bool is_display = std::any_of(scene_.displays.begin(), scene_.displays.end(),
+                                          [&](const auto& d) { return d.id == rule.device; });
       if (!is_camera && !is_display && rule.device != "turntable")
-        return out_of(file_, "fault.device", "\"" + rule.device + "\"", "the id of a camera or display, or turntable");
+        return out_of(file_, "fault.device", "\"" + rule.device + "\"",
+                      "the id of a camera or display, or turntable");
       rule.call = ALHAZEN_TRY(from.integer("call", 1, INT64_MAX));
       rule.once = ALHAZEN_TRY(from.flag_or("once", true));
       rule.delay = ALHAZEN_TRY(milliseconds_or(from, "delay_ms", 500, 0, 1e6));
       const std::string kind = ALHAZEN_TRY(from.text("kind"));
-      constexpr std::string_view kKinds[] = {"timeout", "corrupt", "stale", "lost", "lost_for_good", "slow"};
+      constexpr std::string_view kKinds[] = {"timeout", "corrupt",       "stale",
+                                             "lost",    "lost_for_good", "slow"};
       const auto* found = std::find(std::begin(kKinds), std::end(kKinds), kind);
       if (found == std::end(kKinds))
-        return out_of(file_, "fault.kind", "\"" + kind + "\"", "timeout, corrupt, stale, lost, lost_for_good or slow");
+        return out_of(file_, "fault.kind", "\"" + kind + "\"",
+                      "timeout, corrupt, stale, lost, lost_for_good or slow");
       rule.kind = static_cast<FaultKind>(found - std::begin(kKinds));
       // What delivers nothing cannot deliver it damaged.
       const bool about_data = rule.kind == FaultKind::corrupt || rule.kind == FaultKind::stale;
       if (about_data && !is_camera && !(is_display && rule.kind == FaultKind::stale))
-        return out_of(file_, "fault.kind", "\"" + kind + "\" for " + rule.device, "corrupt for a camera, stale for a camera or display");
-      const std::set<std::string> calls = is_camera    ? std::set<std::string>{"configure", "trigger", "wait_frame"}
-                                          : is_display ? std::set<std::string>{"show"}
-                                                       : std::set<std::string>{"home", "move_to"};
+        return out_of(file_, "fault.kind", "\"" + kind + "\" for " + rule.device,
+                      "corrupt for a camera, stale for a camera or display");
+      const std::set<std::string> calls =
+          is_camera    ? std::set<std::string>{"configure", "trigger", "wait_frame"}
+          : is_display ? std::set<std::string>{"show"}
+                       : std::set<std::string>{"home", "move_to"};
       rule.on = ALHAZEN_TRY(from.text_or("on", about_data && is_camera ? "wait_frame" : ""));
-      if (!rule.on.empty() && (!calls.contains(rule.on) || (about_data && is_camera && rule.on != "wait_frame")))
-        return out_of(file_, "fault.on", "\"" + rule.on + "\"", "a call of that device that this fault fits");
+      if (!rule.on.empty() &&
+          (!calls.contains(rule.on) || (about_data && is_camera && rule.on != "wait_frame")))
+        return out_of(file_, "fault.on", "\"" + rule.on + "\"",
+                      "a call of that device that this fault fits");
       ALHAZEN_TRY(from.all_known());
       scene_.faults.push_back(std::move(rule));
     }
@@ -395,7 +431,8 @@ Result<Scene> Scene::load(const std::filesystem::path& file, const SceneOverride
     return Error{Code::invalid, file.string() + ":" + std::to_string(e.source().begin.line) + ": " +
                                     std::string(e.description())};
   }
-  return caught(Code::internal, "world file", [&] { return Reader(root, file.string()).read(overrides); });
+  return caught(Code::internal, "world file",
+                [&] { return Reader(root, file.string()).read(overrides); });
 }
 
 }  // namespace alhazen::sim

@@ -25,11 +25,11 @@ struct CameraTruth {
 
 /// The sensor that all cameras of a world share.
 struct SensorTruth {
-  int bits = 8;              ///< 8, 12 or 16
-  double full_well_e = 0;    ///< electrons at which a pixel saturates
-  double read_noise_e = 0;   ///< standard deviation
+  int bits = 8;             ///< 8, 12 or 16
+  double full_well_e = 0;   ///< electrons at which a pixel saturates
+  double read_noise_e = 0;  ///< standard deviation
   bool shot_noise = true;
-  double black_level_share = 0;  ///< digital value without light, share of white
+  double black_level_share = 0;   ///< digital value without light, share of white
   Micros saturation_exposure{0};  ///< a white display (radiance 1) fills the well in this time
   Micros exposure_min{0}, exposure_max{0};
   double gain_max_db = 0;
@@ -38,18 +38,18 @@ struct SensorTruth {
 
 enum class Fixed : std::uint8_t { to_rig, to_turntable };
 
-/// A display as it truly is. Its point for pixel (u, v) is origin + u·u_mm + v·v_mm, in the rig frame,
-/// or in the object frame where it is fixed to the turntable.
+/// A display as it truly is. Its point for pixel (u, v) is origin + u·u_mm + v·v_mm, in the rig
+/// frame, or in the object frame where it is fixed to the turntable.
 struct DisplayTruth {
   std::string id;
   int width_px = 0, height_px = 0;
   Vec3 origin_mm, u_mm, v_mm;
   Fixed fixed = Fixed::to_rig;
-  double gamma = 1;          ///< light = value^gamma
-  double black_share = 0;    ///< light of a black pixel, share of a white one
+  double gamma = 1;        ///< light = value^gamma
+  double black_share = 0;  ///< light of a black pixel, share of a white one
   double refresh_hz = 60;
-  Micros latency{0};         ///< from show() to the first refresh that can carry the picture
-  Micros response{0};        ///< then the light goes from the old picture to the new one in this time
+  Micros latency{0};   ///< from show() to the first refresh that can carry the picture
+  Micros response{0};  ///< then the light goes from the old picture to the new one in this time
 };
 
 struct TableTruth {
@@ -67,14 +67,14 @@ enum class Form : std::uint8_t { sphere, torus, pits, mesh };
 /// The object that is scanned: stands on z = 0, centred on the axis, in the object frame.
 struct ObjectTruth {
   Form form = Form::sphere;
-  double radius_mm = 0;                         ///< sphere
+  double radius_mm = 0;                           ///< sphere
   double ring_radius_mm = 0, tube_radius_mm = 0;  ///< torus, lying
-  Vec3 block_mm = Vec3::Zero();                 ///< block with pits: length x, width y, height z
-  int pit_count = 0;                            ///< in a row along x; depths grow evenly
+  Vec3 block_mm = Vec3::Zero();                   ///< block with pits: length x, width y, height z
+  int pit_count = 0;                              ///< in a row along x; depths grow evenly
   double pit_radius_mm = 0, pit_depth_max_mm = 0;
-  std::filesystem::path mesh;                   ///< closed mesh
-  double size_mm = 0;                           ///< its longest edge (of the bounding box)
-  std::string up = "z";                         ///< which axis of the file points up
+  std::filesystem::path mesh;  ///< closed mesh
+  double size_mm = 0;          ///< its longest edge (of the bounding box)
+  std::string up = "z";        ///< which axis of the file points up
   std::size_t min_triangles = 0;
   double crease_rad = 0;
   double reflectance = 0;  ///< of the mirror, each bounce
@@ -100,8 +100,8 @@ struct FaultRule {
 };
 
 struct RendererTruth {
-  int samples_across = 4;  ///< sub-pixel samples of an uneven pixel: this squared
-  int path_depth = 3;      ///< mirror bounces followed
+  int samples_across = 4;        ///< sub-pixel samples of an uneven pixel: this squared
+  int path_depth = 3;            ///< mirror bounces followed
   std::size_t memory_bytes = 0;  ///< what kept light transport may occupy
 };
 

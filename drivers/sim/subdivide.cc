@@ -20,14 +20,16 @@ constexpr std::size_t kMostTriangles = 16'000'000;
 struct HalfEdges {
   std::vector<Vec3> vertices;
   std::vector<std::array<std::uint32_t, 3>> triangles;
-  std::vector<std::uint32_t> twin;   // per half edge
-  std::vector<std::uint8_t> sharp;   // per half edge, equal for twins
+  std::vector<std::uint32_t> twin;     // per half edge
+  std::vector<std::uint8_t> sharp;     // per half edge, equal for twins
   std::vector<std::uint32_t> leaving;  // per vertex: one half edge that starts there
 
   [[nodiscard]] std::uint32_t from(std::uint32_t h) const { return triangles[h / 3][h % 3]; }
   [[nodiscard]] std::uint32_t to(std::uint32_t h) const { return from(next(h)); }
   [[nodiscard]] static std::uint32_t next(std::uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
-  [[nodiscard]] static std::uint32_t previous(std::uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
+  [[nodiscard]] static std::uint32_t previous(std::uint32_t h) {
+    return h % 3 == 0 ? h + 2 : h - 1;
+  }
   /// The next half edge leaving the same vertex, counter-clockwise.
   [[nodiscard]] std::uint32_t around(std::uint32_t h) const { return twin[previous(h)]; }
 };
@@ -36,7 +38,8 @@ std::string edge_text(std::uint32_t a, std::uint32_t b) {
   return "between vertices " + std::to_string(a) + " and " + std::to_string(b);
 }
 
-/// Drops vertices that no triangle uses, and turns the mesh outside out where its volume is negative.
+/// Drops vertices that no triangle uses, and turns the mesh outside out where its volume is
+/// negative.
 Result<HalfEdges> tidy(const Mesh& mesh) {
   HalfEdges out;
   if (mesh.triangles.size() < 4)
@@ -44,14 +47,17 @@ Result<HalfEdges> tidy(const Mesh& mesh) {
                                     " triangles; a closed one has at least 4"};
   if (mesh.triangles.size() > kMostTriangles)
     return Error{Code::invalid, "the mesh has " + std::to_string(mesh.triangles.size()) +
-                                    " triangles; at most " + std::to_string(kMostTriangles) + " are possible"};
+                                    " triangles; at most " + std::to_string(kMostTriangles) +
+                                    " are possible"};
   constexpr std::uint32_t kUnused = std::numeric_limits<std::uint32_t>::max();
   std::vector<std::uint32_t> index(mesh.vertices_mm.size(), kUnused);
   double volume = 0;
   for (auto triangle : mesh.triangles) {
     if (triangle[0] == triangle[1] || triangle[1] == triangle[2] || triangle[2] == triangle[0])
-      return Error{Code::invalid, "a triangle uses vertex " + std::to_string(triangle[0] == triangle[1] ? triangle[0] : triangle[2]) +
-                                      " twice; the mesh must be a closed manifold"};
+      return Error{Code::invalid,
+                   "a triangle uses vertex " +
+                       std::to_string(triangle[0] == triangle[1] ? triangle[0] : triangle[2]) +
+                       " twice; the mesh must be a closed manifold"};
     volume += mesh.vertices_mm[triangle[0]].dot(
         mesh.vertices_mm[triangle[1]].cross(mesh.vertices_mm[triangle[2]]));
     for (auto& corner : triangle) {
@@ -89,11 +95,13 @@ Status join(HalfEdges& mesh) {
       if (open++ == 0) first_open = h;
     } else if (end - i > 2) {
       return Error{Code::invalid, "not a manifold: " + std::to_string(end - i) +
-                                      " triangles meet at the edge " + edge_text(mesh.from(h), mesh.to(h))};
+                                      " triangles meet at the edge " +
+                                      edge_text(mesh.from(h), mesh.to(h))};
     } else {
       const std::uint32_t other = edges[i + 1].second;
       if (mesh.from(h) == mesh.from(other))
-        return Error{Code::invalid, "the triangles at the edge " + edge_text(mesh.from(h), mesh.to(h)) +
+        return Error{Code::invalid, "the triangles at the edge " +
+                                        edge_text(mesh.from(h), mesh.to(h)) +
                                         " face opposite ways"};
       mesh.twin[h] = other;
       mesh.twin[other] = h;
@@ -134,7 +142,9 @@ void mark_creases(HalfEdges& mesh, double crease_rad) {
   std::vector<Vec3> facing(mesh.triangles.size());
   for (std::size_t t = 0; t < facing.size(); ++t) {
     const auto& [a, b, c] = mesh.triangles[t];
-    facing[t] = (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]).normalized();
+    facing[t] = (mesh.vertices[b] - mesh.vertices[a])
+                    .cross(mesh.vertices[c] - mesh.vertices[a])
+                    .normalized();
   }
   const double bound = std::cos(crease_rad);
   mesh.sharp.resize(mesh.twin.size());
@@ -180,7 +190,8 @@ HalfEdges refine(const HalfEdges& coarse) {
     if (ring.creases.size() > 2) {
       fine.vertices[v] = p;
     } else if (ring.creases.size() == 2) {
-      fine.vertices[v] = 0.75 * p + 0.125 * (ring.neighbour(coarse, ring.creases[0]) + ring.neighbour(coarse, ring.creases[1]));
+      fine.vertices[v] = 0.75 * p + 0.125 * (ring.neighbour(coarse, ring.creases[0]) +
+                                             ring.neighbour(coarse, ring.creases[1]));
     } else {
       const double beta = loop_beta(ring.edges.size());
       Vec3 sum = Vec3::Zero();
@@ -196,7 +207,8 @@ HalfEdges refine(const HalfEdges& coarse) {
     const Vec3 sides = coarse.vertices[coarse.to(HalfEdges::next(h))] +
                        coarse.vertices[coarse.to(HalfEdges::next(other))];
     middle[h] = middle[other] = static_cast<std::uint32_t>(fine.vertices.size());
-    fine.vertices.push_back(coarse.sharp[h] ? Vec3(0.5 * ends) : Vec3(0.375 * ends + 0.125 * sides));
+    fine.vertices.push_back(coarse.sharp[h] ? Vec3(0.5 * ends)
+                                            : Vec3(0.375 * ends + 0.125 * sides));
   }
   // Triangle t becomes 4t + c at its corner c and 4t + 3 in the middle.
   fine.triangles.resize(4 * faces);
@@ -224,8 +236,8 @@ HalfEdges refine(const HalfEdges& coarse) {
   return fine;
 }
 
-/// Normal of the limit surface beside a crease: the fan of triangles from `edges[begin]` over `faces`
-/// triangles, both ends sharp.
+/// Normal of the limit surface beside a crease: the fan of triangles from `edges[begin]` over
+/// `faces` triangles, both ends sharp.
 Vec3 sector_normal(const HalfEdges& mesh, const Ring& ring, const Vec3& p, std::size_t begin,
                    std::size_t faces) {
   const Vec3& start = ring.neighbour(mesh, begin);
@@ -245,7 +257,8 @@ Vec3 sector_normal(const HalfEdges& mesh, const Ring& ring, const Vec3& p, std::
   return (start - end).cross(inward);
 }
 
-/// Mean normal of the fan's triangles: what is left at corners, where the limit has no tangent plane.
+/// Mean normal of the fan's triangles: what is left at corners, where the limit has no tangent
+/// plane.
 Vec3 fan_normal(const HalfEdges& mesh, const Ring& ring, const Vec3& p, std::size_t begin,
                 std::size_t faces) {
   Vec3 sum = Vec3::Zero();
@@ -281,14 +294,17 @@ SmoothMesh limit(HalfEdges&& mesh) {
     }
     const bool is_corner = ring.creases.size() > 2;
     out.vertices[v] = is_corner ? p
-                                : Vec3(2.0 / 3 * p + 1.0 / 6 * (ring.neighbour(mesh, ring.creases[0]) +
-                                                                ring.neighbour(mesh, ring.creases[1])));
+                                : Vec3(2.0 / 3 * p + 1.0 / 6 *
+                                                         (ring.neighbour(mesh, ring.creases[0]) +
+                                                          ring.neighbour(mesh, ring.creases[1])));
     Vec3 mean = Vec3::Zero();
     for (std::size_t s = 0; s < ring.creases.size(); ++s) {
       const std::size_t begin = ring.creases[s];
-      const std::size_t end = s + 1 < ring.creases.size() ? ring.creases[s + 1] : ring.creases[0] + n;
+      const std::size_t end =
+          s + 1 < ring.creases.size() ? ring.creases[s + 1] : ring.creases[0] + n;
       const Vec3 flat = fan_normal(mesh, ring, p, begin, end - begin).normalized();
-      Vec3 normal = is_corner ? flat : sector_normal(mesh, ring, p, begin, end - begin).normalized();
+      Vec3 normal =
+          is_corner ? flat : sector_normal(mesh, ring, p, begin, end - begin).normalized();
       // A fan of one flat triangle has no direction across: its mask vanishes or turns over.
       if (!normal.allFinite() || normal.dot(flat) < 0.5) normal = flat;
       mean += normal;

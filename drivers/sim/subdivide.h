@@ -14,8 +14,9 @@ namespace alhazen::sim {
 /// A triangle mesh whose corners carry normals of their own, so that creases stay sharp.
 struct SmoothMesh {
   std::vector<Eigen::Vector3d> vertices;
-  std::vector<Eigen::Vector3f> normals;  ///< unit, outward; the first vertices.size() are one a vertex
-  std::vector<std::array<std::uint32_t, 3>> triangles;     ///< vertex of each corner
+  std::vector<Eigen::Vector3f>
+      normals;  ///< unit, outward; the first vertices.size() are one a vertex
+  std::vector<std::array<std::uint32_t, 3>> triangles;       ///< vertex of each corner
   std::vector<std::array<std::uint32_t, 3>> corner_normals;  ///< normal of each corner
 };
 
@@ -25,7 +26,8 @@ struct SmoothMesh {
 /// Source: C. Loop, Smooth subdivision surfaces based on triangles, 1987; creases and limit masks
 ///         after Hoppe et al., Piecewise smooth surface reconstruction, SIGGRAPH 1994, and
 ///         Biermann, Levin, Zorin, SIGGRAPH 2000.
-/// Fails: invalid (not a closed manifold: says which edge or vertex; too few or too many triangles).
+/// Fails: invalid (not a closed manifold: says which edge or vertex; too few or too many
+/// triangles).
 [[nodiscard]] Result<SmoothMesh> subdivide(const Mesh& mesh, std::size_t min_triangles,
                                            double crease_rad);
 
