@@ -177,14 +177,6 @@ class Reader {
       if (overrides.object_mesh) object.mesh = *overrides.object_mesh;
       if (overrides.object_size_mm) object.size_mm = *overrides.object_size_mm;
       if (overrides.object_up) object.up = *overrides.object_up;
-      if (object.mesh.empty())
-        return out_of(file_, "object.mesh", "missing",
-                      "the path of a closed mesh, here or as the driver's key object_mesh");
-      if (!(object.size_mm >= kMin && object.size_mm <= kMax))
-        return out_of(file_, "object.size_mm",
-                      object.size_mm == 0 ? "missing" : std::to_string(object.size_mm),
-                      "the object's longest edge, a number in [1, 1000], here or as the driver's "
-                      "key object_size_mm");
       static const std::set<std::string> kAxes{"x", "y", "z", "-x", "-y", "-z"};
       if (!kAxes.contains(object.up))
         return out_of(file_, "object.up", "\"" + object.up + "\"", "x, y, z, -x, -y or -z");

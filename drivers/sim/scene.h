@@ -72,9 +72,10 @@ struct ObjectTruth {
   Vec3 block_mm = Vec3::Zero();                   ///< block with pits: length x, width y, height z
   int pit_count = 0;                              ///< in a row along x; depths grow evenly
   double pit_radius_mm = 0, pit_depth_max_mm = 0;
-  std::filesystem::path mesh;  ///< closed mesh
-  double size_mm = 0;          ///< its longest edge (of the bounding box)
-  std::string up = "z";        ///< which axis of the file points up
+  /// Closed mesh; the world may leave file and size to whoever starts it.
+  std::filesystem::path mesh;
+  double size_mm = 0;    ///< its longest edge (of the bounding box)
+  std::string up = "z";  ///< which axis of the file points up
   std::size_t min_triangles = 0;
   double crease_rad = 0;
   double reflectance = 0;  ///< of the mirror, each bounce

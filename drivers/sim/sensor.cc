@@ -122,12 +122,10 @@ Sensor::Sensor(const SensorTruth& truth, Micros exposure, double gain_db, std::u
 
 void Sensor::read(const float* radiance, std::size_t count, std::uint32_t first_pixel,
                   std::byte* out) const {
-  if (bits_ == 8)
-    HWY_DYNAMIC_DISPATCH(read_row8)
-    (radiance, count, first_pixel, numbers_, reinterpret_cast<std::uint8_t*>(out));
-  else
-    HWY_DYNAMIC_DISPATCH(read_row16)
-    (radiance, count, first_pixel, numbers_, reinterpret_cast<std::uint16_t*>(out));
+  if (bits_ == 8) HWY_DYNAMIC_DISPATCH(read_row8)
+  (radiance, count, first_pixel, numbers_, reinterpret_cast<std::uint8_t*>(out));
+  else HWY_DYNAMIC_DISPATCH(read_row16)(radiance, count, first_pixel, numbers_,
+                                        reinterpret_cast<std::uint16_t*>(out));
 }
 
 }  // namespace alhazen::sim

@@ -365,6 +365,16 @@ Result<Shape> Shape::make(const ObjectTruth& object) {
     return out;
   }
   const bool from_file = object.form == Form::mesh;
+  if (from_file && object.mesh.empty())
+    return Error{
+        Code::invalid,
+        "no mesh is given: a closed one is needed, as object.mesh in the world file or as the "
+        "driver's key object_mesh"};
+  if (from_file && !(object.size_mm > 0))
+    return Error{
+        Code::invalid,
+        "no size is given: mesh files carry no unit, so the longest edge in mm is needed, as "
+        "object.size_mm in the world file or as the driver's key object_size_mm"};
   const Mesh coarse = from_file ? ALHAZEN_TRY(read_mesh(object.mesh)) : block_with_pits(object);
   const std::string name = from_file ? object.mesh.string() : "block with pits";
   auto triangles = std::make_shared<Triangles>();
