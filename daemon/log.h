@@ -8,8 +8,8 @@
 
 namespace alhazen {
 
-/// The daemon's log: one line an event on stderr, written at once (journald keeps it), with the
-/// severity prefix systemd understands where stderr is not a terminal. Thread-safe.
+/// The daemon's log: one line an event on stderr, written at once: with the time for people,
+/// with the prefix that the journal reads where stderr leads there. Thread-safe.
 class StderrLog final : public Log {
  public:
   explicit StderrLog(Severity least = Severity::info);

@@ -2,7 +2,7 @@
 
 #include <condition_variable>
 #include <cstddef>
-#include <deque>
+#include <list>
 #include <mutex>
 #include <optional>
 #include <stop_token>
@@ -37,10 +37,10 @@ class BoundedQueue {
     const bool there =
         items_there_.wait(lock, std::move(stop), [this] { return closed_ || !items_.empty(); });
     if (!there || items_.empty()) return std::nullopt;
-    std::optional<T> item(std::move(items_.front()));
-    items_.pop_front();
+    std::list<T> taken;
+    taken.splice(taken.begin(), items_, items_.begin());
     room_.notify_one();
-    return item;
+    return std::move(taken.front());
   }
 
   /// No push from now on; pop() hands out what is left.
@@ -61,7 +61,7 @@ class BoundedQueue {
  private:
   mutable std::mutex mutex_;
   std::condition_variable_any room_, items_there_;
-  std::deque<T> items_;
+  std::list<T> items_;
   const std::size_t capacity_;
   bool closed_ = false;
 };

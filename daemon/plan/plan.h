@@ -16,6 +16,11 @@
 
 namespace alhazen {
 
+/// Limits of a plan, the same for requests and presets.
+inline constexpr int kMaxStops = 360;
+inline constexpr int kMinLevel = 4, kMaxLevel = 11;
+inline constexpr double kMinEdgeMm = 1, kMaxEdgeMm = 2000, kMaxCentreMm = 2000;
+
 /// How to scan, as far as somebody said so: a preset or a request. What is left open comes from the
 /// preset, then from the default noted here.
 struct PlanChoices {
