@@ -46,9 +46,11 @@ class Settings {
   }
   /// A path, relative ones taken from the folder of the configuration file.
   Result<std::string> path(std::string_view key) const {
-    std::string given = ALHAZEN_TRY(text(key));
-    if (given.empty()) return wrong(key, *find(key), "a path that is not empty");
-    return given.front() == '/' || folder_.empty() ? given : folder_ + "/" + given;
+    Result<std::string> given = text(key);
+    if (!given) return given;
+    if (given->empty()) return wrong(key, *find(key), "a path that is not empty");
+    if (given->front() != '/' && !folder_.empty()) *given = folder_ + "/" + *given;
+    return given;
   }
   Result<bool> flag_or(std::string_view key, bool fallback) const {
     const Entry* entry = find(key);
