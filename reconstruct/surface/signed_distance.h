@@ -27,15 +27,18 @@ struct SignedDistance {
   std::vector<float> value_mm;
   std::vector<std::uint8_t> in_band;  ///< 1: solved for
   std::size_t unknowns = 0;
-  int iterations = 0;   ///< of conjugate gradients, all rounds together
-  double residual = 0;  ///< ‖b − A f‖ / ‖b‖ at the end, recomputed in double
+  std::size_t clipped = 0;  ///< leaves at the band's edge that had to be held to the cut's side
+  int iterations = 0;       ///< of conjugate gradients, all rounds together
+  double residual = 0;      ///< ‖b − A f‖ / ‖b‖ at the end, recomputed in double
 };
 
 /// Smooth signed distance f in a band of finest leaves around the cut u = ½, lengths in units s of
 /// the finest leaf's edge:
 ///   min_f  Σ_edges ω_ab (f_b − f_a − t_ab)²  +  β Σ_i (w_i / w_median) (f_i − offset_i)²
-///                                            +  α Σ_unobserved (f_i − cut_i)²
-/// t_ab = mean of the two leaves' N·e where observed and of the cut's own slope elsewhere;
+///                                            +  α ω_0 Σ_unobserved (f_i − cut_i)²
+/// ω_ab = mean of the two leaves' ω: 1 where a normal was observed, ω_0 = 0.03 elsewhere;
+/// t_ab = the integral of N·e along the edge where observed (cubic through four leaves, or the mean
+/// of two), the cut's own slope elsewhere;
 /// cut_i = smoothed distance from the cut, so that unobserved parts close along the cut and blend
 /// into what was measured; β = options.data_weight, α = options.cut_weight. Depths that contradict
 /// their surroundings are down-weighted (Tukey's biweight, two rounds).
