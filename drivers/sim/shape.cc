@@ -60,12 +60,15 @@ void real_roots(const std::array<double, 5>& k, int degree, double from, double 
     const double high_value = value(high);
     if ((low_value < 0) != (high_value < 0)) {
       double a = low, b = high, t = 0.5 * (a + b);
-      for (int step = 0; step < 60 && b - a > 1e-13 * (1 + std::abs(t)); ++step) {
+      constexpr int kMostSteps = 60;  // bisection alone would need 50
+      for (int step = 0; step < kMostSteps; ++step) {
         const double now = value(t);
         ((now < 0) == (low_value < 0) ? a : b) = t;
         const double newton = t - now / slope_at(t);
-        t = newton > a && newton < b ? newton : 0.5 * (a + b);
-        if (std::abs(now) < 1e-14) break;
+        const double next = newton >= a && newton <= b ? newton : 0.5 * (a + b);
+        const double moved = std::abs(next - t);
+        t = next;
+        if (moved <= 1e-14 * (1 + std::abs(t))) break;
       }
       roots[static_cast<std::size_t>(count++)] = t;
     }
