@@ -60,8 +60,8 @@ struct MeshFigures {
   MeshCheck check;
   double observed_share = 0;  ///< of the area, by triangles whose three vertices are observed
   double observed_area_mm2 = 0;
-  double median_consistency = 0;     ///< of the observed vertices
-  double median_depth_sigma_mm = 0;  ///< of the observed vertices
+  std::optional<double> median_consistency;     ///< of the observed vertices, where known
+  std::optional<double> median_depth_sigma_mm;  ///< of the observed vertices, where known
   Eigen::Vector3d low_mm = Eigen::Vector3d::Zero(), high_mm = Eigen::Vector3d::Zero();
 };
 
@@ -89,7 +89,8 @@ struct Report {
                                          CaptureFigures capture, const Mesh* reference,
                                          const Run& run);
 
-/// Figures of a mesh. REQUIRES: indices within the vertices.
+/// Figures of a mesh. A mesh without `observed` counts as observed everywhere.
+/// REQUIRES: indices within the vertices; per-vertex lists empty or of their number.
 [[nodiscard]] MeshFigures mesh_figures(const Mesh& mesh);
 
 /// Writes report.json, report.html and, where there is a slice, slice.pfm into `directory`, each
