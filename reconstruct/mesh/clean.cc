@@ -302,7 +302,7 @@ class Tidier {
     }
     const double now =
         std::min(height_share(mesh_.triangles[t]), height_share(mesh_.triangles[other]));
-    if (std::min(height_share(first), height_share(second)) <= 1.5 * now) return false;
+    if (std::min(height_share(first), height_share(second)) <= 1.1 * now) return false;
     mesh_.triangles[t] = first;
     mesh_.triangles[other] = second;
     std::erase(at_[b], t);
