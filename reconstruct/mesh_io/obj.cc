@@ -63,6 +63,7 @@ class ObjParser {
     }
     if (*keyword == "vn") {
       const Eigen::Vector3d normal = ALHAZEN_TRY(vector(line));
+      if (!is_single(normal.cwiseAbs().maxCoeff())) return wrong("a normal this long");
       normals_.push_back(normal.cast<float>());
       return {};
     }

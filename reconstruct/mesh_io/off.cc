@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -106,6 +107,7 @@ Result<Mesh> parse_off(std::string_view bytes) {
     mesh.vertices_mm.emplace_back(p[0], p[1], p[2]);
     if (has_normals) {
       const auto n = ALHAZEN_TRY(numbers<3>(lines, line));
+      if (!std::all_of(n.begin(), n.end(), is_single)) return lines.wrong("a normal this long");
       mesh.normals.push_back(Eigen::Vector3d(n[0], n[1], n[2]).cast<float>());
     }
   }

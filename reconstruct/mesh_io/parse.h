@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -45,6 +47,11 @@ class Text {
 /// infinite.
 [[nodiscard]] std::optional<double> to_number(std::string_view word);
 [[nodiscard]] std::optional<std::int64_t> to_integer(std::string_view word);
+
+/// Whether a number can be kept in single precision.
+[[nodiscard]] inline bool is_single(double value) noexcept {
+  return std::abs(value) <= static_cast<double>(std::numeric_limits<float>::max());
+}
 
 /// A word of the file for an error message: printable and short.
 [[nodiscard]] std::string shown(std::string_view word);

@@ -339,10 +339,12 @@ Status read_vertices(Source& source, const Element& element, Mesh& mesh) {
         ALHAZEN_TRY(source.skip(property.type, 1));
       } else {
         const double number = ALHAZEN_TRY(source.number(property.type));
+        const bool is_position = property.role <= Role::z;
         // Only the depth's deviation may be unknown.
-        if (property.role != Role::depth_sigma && !std::isfinite(number))
-          return Error{Code::invalid,
-                       source.where() + ": vertex " + std::to_string(row) + " is not finite"};
+        const bool is_unknown = property.role == Role::depth_sigma && std::isnan(number);
+        if (!is_unknown && !(is_position ? std::isfinite(number) : is_single(number)))
+          return Error{Code::invalid, source.where() + ": vertex " + std::to_string(row) +
+                                          " is not finite or too large"};
         value[static_cast<std::size_t>(property.role)] = number;
       }
     }

@@ -13,7 +13,7 @@
 namespace alhazen {
 
 /// A JSON object of outside origin, read key by key: each answer was checked, each complaint names
-/// key and allowed range. For the .cc files of this folder only. Thread-bound.
+/// key and allowed range. For .cc files only: it brings all of nlohmann-json. Thread-bound.
 class JsonFields {
  public:
   /// `path`: how complaints name the object, empty for the whole text. `object` must outlive this.

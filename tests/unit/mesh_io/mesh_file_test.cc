@@ -253,6 +253,20 @@ TEST(Ply, NamesTheLineThatMakesNoSense) {
   EXPECT_TRUE(parse_mesh(kPlyStart + "0 0 0\n1 0 0\n0 1e-999 0\n3 0 1 2", "ply"));
 }
 
+TEST(Ply, SinglePrecisionHoldsWhatIsKeptInIt) {
+  for (const char* name : {"nx", "consistency", "depth_sigma_mm"}) {
+    const std::string head = std::string("ply\nformat ascii 1.0\nelement vertex 1\n") +
+                             "property float x\nproperty float y\nproperty float z\n" +
+                             "property double " + name + "\nproperty float ny\n" +
+                             "property float nz\nelement face 0\n" +
+                             "property list uchar int vertex_indices\nend_header\n";
+    EXPECT_TRUE(parse_mesh(head + "0 0 0 1e38 0 0\n", "ply")) << name;
+    EXPECT_EQ(parse_mesh(head + "0 0 0 nan 0 0\n", "ply").operator bool(),
+              std::string_view(name) == "depth_sigma_mm");
+    expect_fails(head + "0 0 0 1e39 0 0\n", "ply", Code::invalid, "vertex 0");
+  }
+}
+
 TEST(Ply, HugeCountsCostNothing) {
   for (const char* coded : {"ascii", "binary_little_endian", "binary_big_endian"}) {
     for (const char* count : {"4294967294", "9223372036854775807"}) {
@@ -299,6 +313,7 @@ TEST(Obj, DropsNormalsThatDifferAtOneVertex) {
 TEST(Obj, NamesTheLineThatMakesNoSense) {
   expect_fails("v 0 0\n", "obj", Code::invalid, "line 1");
   expect_fails("v 0 0 inf\n", "obj", Code::invalid, "finite");
+  expect_fails("vn 0 0 1e39\n", "obj", Code::invalid, "normal");
   expect_fails("v 0 0 0\nf 1 1 0\n", "obj", Code::invalid, "line 2");
   expect_fails("v 0 0 0\nf 1 1 2\n", "obj", Code::invalid, "vertex 1");
   expect_fails("v 0 0 0\nf 1 1 -2\n", "obj", Code::invalid, "index -2");
@@ -333,6 +348,7 @@ TEST(Off, NamesTheLineThatMakesNoSense) {
   expect_fails("OFF\n4294967294 0 0\n", "off", Code::invalid, "do not fit");
   expect_fails("OFF\n0 9223372036854775807 0\n", "off", Code::invalid, "do not fit");
   expect_fails("OFF\n1 0 0\n0 0 nan\n", "off", Code::invalid, "line 3");
+  expect_fails("NOFF\n1 0 0\n0 0 0 0 1e300 1\n", "off", Code::invalid, "line 3");
   expect_fails("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "off", Code::invalid, "vertex 1");
   expect_fails("OFF\n1 1 0\n0 0 0\n3 0 0 -1\n", "off", Code::invalid, "line 4");
   expect_fails("OFF\n1 1 0\n0 0 0\n5000000 0 0 0\n", "off", Code::invalid, "line 4");
