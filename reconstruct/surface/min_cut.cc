@@ -1,5 +1,6 @@
 #include "reconstruct/surface/min_cut.h"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,9 +12,6 @@
 namespace alhazen {
 namespace {
 
-/// Primal steps over dual steps. Any positive number converges; this one was the fastest on
-/// spheres, tori and noisy fields of 32³ to 128³ (tests/bench/surface_bench.cc).
-constexpr float kStepRatio = 1.0F;
 constexpr int kIterationsBetweenGaps = 10;
 /// Below this size an octree is solved from nothing; above it, a coarser one is solved first.
 constexpr std::size_t kSmall = 5000;
@@ -25,6 +23,67 @@ struct Energy {
   std::vector<std::uint8_t> fixed;
 };
 
+/// Four floats that are worked on at once, in the compilers' common vector extension.
+using Four = float __attribute__((vector_size(16)));
+
+[[nodiscard]] Four load(const float* from) {
+  Four v;
+  __builtin_memcpy(&v, from, sizeof v);
+  return v;
+}
+void store(const Four& v, float* to) { __builtin_memcpy(to, &v, sizeof v); }
+
+/// One value per sibling of an octet.
+struct Eight {
+  Four low, high;
+
+  [[nodiscard]] static Eight at(const float* from) { return {load(from), load(from + 4)}; }
+  [[nodiscard]] static Eight zero() { return {Four{}, Four{}}; }
+  void to(float* there) const {
+    store(low, there);
+    store(high, there + 4);
+  }
+  friend Eight operator+(const Eight& a, const Eight& b) {
+    return {a.low + b.low, a.high + b.high};
+  }
+  friend Eight operator-(const Eight& a, const Eight& b) {
+    return {a.low - b.low, a.high - b.high};
+  }
+  friend Eight operator*(const Eight& a, const Eight& b) {
+    return {a.low * b.low, a.high * b.high};
+  }
+};
+
+/// Sibling k gets the value of sibling k ^ (1 << axis).
+template <int kAxis>
+[[nodiscard]] Eight mirrored(const Eight& v) {
+  if constexpr (kAxis == 0) {
+    return {__builtin_shufflevector(v.low, v.low, 1, 0, 3, 2),
+            __builtin_shufflevector(v.high, v.high, 1, 0, 3, 2)};
+  } else if constexpr (kAxis == 1) {
+    return {__builtin_shufflevector(v.low, v.low, 2, 3, 0, 1),
+            __builtin_shufflevector(v.high, v.high, 2, 3, 0, 1)};
+  } else {
+    return {v.high, v.low};
+  }
+}
+
+/// Sibling k gets the value of sibling k ^ (1 << axis) of the octet that it looks out to: `before`
+/// where its own offset along the axis is 0, else `behind`.
+template <int kAxis>
+[[nodiscard]] Eight outer(const Eight& before, const Eight& behind) {
+  if constexpr (kAxis == 0) {
+    return {__builtin_shufflevector(before.low, behind.low, 1, 4, 3, 6),
+            __builtin_shufflevector(before.high, behind.high, 1, 4, 3, 6)};
+  } else if constexpr (kAxis == 1) {
+    return {__builtin_shufflevector(before.low, behind.low, 2, 3, 4, 5),
+            __builtin_shufflevector(before.high, behind.high, 2, 3, 4, 5)};
+  } else {
+    return {before.high, behind.low};
+  }
+}
+
+/// Primal u per node, dual p per slot, kept as the flow q_s = c_s p_s that leaves the node.
 class PrimalDual {
  public:
   PrimalDual(const Octree& octree, const std::vector<Face>& faces, const Energy& energy,
@@ -32,29 +91,29 @@ class PrimalDual {
       : graph_(octree, faces, energy.fixed) {
     const std::size_t n = graph_.nodes();
     u_.resize(n);
-    g_.resize(n);
     volume_f_.resize(n);
     tau_.resize(n);
-    sigma_.resize(n);
-    q_.assign(graph_.slots(), 0.0F);
+    step_.resize(n);
+    radius_.resize(n);
     own_.assign(n, 0.0F);
+    q_.assign(graph_.slots(), 0.0F);
     for_blocks(n, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         const std::uint32_t leaf = graph_.leaf(i);
         u_[i] = graph_.is_fixed(i) ? 0.0F : start[leaf];
-        g_[i] = energy.g[leaf];
         volume_f_[i] = energy.volume_f[leaf];
         // Diagonal steps of Pock and Chambolle with exponent 1: one over the absolute row sum of K
         // (the largest of the leaf's, so that its projection stays a ball's) and column sum.
-        float largest = 0, column = 0;
-        for (std::size_t s = graph_.row(i); s < graph_.row_end(i); ++s) {
-          const float own = graph_.coefficient<float>(i, s);
-          const float theirs = graph_.coefficient<float>(graph_.neighbour(s), graph_.twin(s));
-          largest = std::max(largest, own);
-          column += own + theirs;
-        }
-        sigma_[i] = 1.0F / (kStepRatio * 2.0F * largest);
-        tau_[i] = graph_.is_fixed(i) ? 0.0F : kStepRatio / column;
+        double largest = 0, column = 0;
+        graph_.for_each_slot(i, [&](std::size_t, std::size_t j, std::size_t, double c) {
+          const double c_same_ratio = graph_.edge(j) / graph_.edge(i);
+          largest = std::max(largest, c);
+          column += c + c * c_same_ratio * c_same_ratio;
+        });
+        const double c_same = same(i);
+        radius_[i] = static_cast<float>(energy.g[leaf] * c_same);
+        step_[i] = largest > 0 ? static_cast<float>(c_same * c_same / (2 * largest)) : 0.0F;
+        tau_[i] = graph_.is_fixed(i) || column <= 0 ? 0.0F : static_cast<float>(1 / column);
       }
     });
     u_bar_ = u_;
@@ -62,8 +121,10 @@ class PrimalDual {
   }
 
   void iterate() {
-    for_blocks(graph_.nodes(), [&](std::size_t begin, std::size_t end) { dual(begin, end); });
-    for_blocks(graph_.nodes(), [&](std::size_t begin, std::size_t end) { primal(begin, end); });
+    for_octets([&](std::size_t octet) { dual_octet(octet); },
+               [&](std::size_t node) { dual_single(node); });
+    for_octets([&](std::size_t octet) { primal_octet(octet); },
+               [&](std::size_t node) { primal_single(node); });
   }
 
   struct Bounds {
@@ -74,14 +135,11 @@ class PrimalDual {
         sum_blocks<3>(graph_.nodes(), [&](std::size_t begin, std::size_t end) {
           double surface = 0, linear = 0, dual = 0;
           for (std::size_t i = begin; i < end; ++i) {
-            double norm = 0, adjoint = 0;
-            for (std::size_t s = graph_.row(i); s < graph_.row_end(i); ++s) {
-              const double y = graph_.coefficient<double>(i, s) *
-                               (static_cast<double>(u_[graph_.neighbour(s)]) - u_[i]);
-              norm += y * y;
-              adjoint += static_cast<double>(q_[graph_.twin(s)]) - q_[s];
-            }
-            surface += g_[i] * std::sqrt(norm);
+            double adjoint = 0;
+            graph_.for_each_slot(i, [&](std::size_t s, std::size_t, std::size_t twin, double) {
+              adjoint += static_cast<double>(q_[twin]) - q_[s];
+            });
+            surface += radius_[i] / same(i) * slope(i);
             if (graph_.is_fixed(i)) continue;
             linear += static_cast<double>(volume_f_[i]) * u_[i];
             dual += std::min(0.0, volume_f_[i] + adjoint);
@@ -98,79 +156,176 @@ class PrimalDual {
   }
 
  private:
+  /// (c of a slot towards another size / c of one towards the same)².
+  static constexpr float kOtherShare = 4.0F / 9.0F;
+
+  [[nodiscard]] double same(std::size_t node) const {
+    return static_cast<double>(graph_.edge(node)) * graph_.edge(node) * FlowGraph::kSame;
+  }
+
+  /// ‖(K u)_i‖ over the node's slots.
+  [[nodiscard]] double slope(std::size_t node) const {
+    double square = 0;
+    graph_.for_each_slot(node, [&](std::size_t, std::size_t j, std::size_t, double c) {
+      const double y = c * (static_cast<double>(u_[j]) - u_[node]);
+      square += y * y;
+    });
+    return std::sqrt(square);
+  }
+
+  template <class OfOctet, class OfSingle>
+  void for_octets(const OfOctet& of_octet, const OfSingle& of_single) {
+    for_blocks(graph_.nodes(), [&](std::size_t begin, std::size_t end) {
+      const std::size_t octet_nodes = FlowGraph::kOctet * graph_.octets();
+      std::size_t i = begin;  // blocks begin at whole octets
+      for (; i < std::min(end, octet_nodes); i += FlowGraph::kOctet)
+        of_octet(i / FlowGraph::kOctet);
+      for (; i < end; ++i) of_single(i);
+    });
+  }
+
   /// Where u has a slope, the best flow is known: g along it. A warm start without a warm flow
   /// would lose most of what u knows in its first steps.
   void start_flow() {
     for_blocks(graph_.nodes(), [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
-        double norm = 0;
-        for (std::size_t s = graph_.row(i); s < graph_.row_end(i); ++s) {
-          const double y = graph_.coefficient<double>(i, s) *
-                           (static_cast<double>(u_[graph_.neighbour(s)]) - u_[i]);
-          norm += y * y;
-        }
-        const double largest = 0.5 / static_cast<double>(sigma_[i] * kStepRatio);
-        if (std::sqrt(norm) < 1e-2 * largest) continue;
-        const double scale = g_[i] / std::sqrt(norm);
-        float sum = 0;
-        for (std::size_t s = graph_.row(i); s < graph_.row_end(i); ++s) {
-          const double c = graph_.coefficient<double>(i, s);
-          const double y = c * (static_cast<double>(u_[graph_.neighbour(s)]) - u_[i]);
-          q_[s] = static_cast<float>(c * scale * y);
+        const double steepness = slope(i);
+        if (steepness < 1e-2 * same(i)) continue;
+        const double scale = radius_[i] / (same(i) * steepness);
+        double sum = 0;
+        graph_.for_each_slot(i, [&](std::size_t s, std::size_t j, std::size_t, double c) {
+          q_[s] = static_cast<float>(c * scale * c * (static_cast<double>(u_[j]) - u_[i]));
           sum += q_[s];
-        }
-        own_[i] = sum;
+        });
+        own_[i] = static_cast<float>(sum);
       }
     });
   }
 
-  /// p_i ← projection of p_i + σ_i (K ū)_i onto ‖p_i‖ ≤ g_i, kept as q = c p.
-  void dual(std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const float here = u_bar_[i];
-      const float area = graph_.edge(i) * graph_.edge(i);
-      // p is stepped in units of area / c: the same for all slots of one size.
-      const float same = static_cast<float>(FlowGraph::kSame);
-      const float other = static_cast<float>(FlowGraph::kOther);
-      const float inverse_same = 1 / (area * same), inverse_other = 1 / (area * other);
-      const float step_same = sigma_[i] * area * same, step_other = sigma_[i] * area * other;
-      const std::size_t first = graph_.row(i), last = graph_.row_end(i);
-      float norm = 0, sum = 0;
-      for (std::size_t s = first; s < last; ++s) {
-        const bool is_other = graph_.is_other_size(s);
-        const float rise = u_bar_[graph_.neighbour(s)] - here;
-        const float p = q_[s] * (is_other ? inverse_other : inverse_same) +
-                        (is_other ? step_other : step_same) * rise;
-        norm += p * p;
-        const float q = p * area * (is_other ? other : same);
-        q_[s] = q;
-        sum += q;
-      }
-      if (norm > g_[i] * g_[i]) {
-        const float shrink = g_[i] / std::sqrt(norm);
-        for (std::size_t s = first; s < last; ++s) q_[s] *= shrink;
-        sum *= shrink;
-      }
-      own_[i] = sum;
+  // Dual step: p_i ← projection of p_i + σ_i (K ū)_i onto ‖p_i‖ ≤ g_i. In terms of q and with
+  // step = σ c², radius = g c for c towards the same size: q += step·(c_s/c)² (ū_j − ū_i), and the
+  // norm is that of q_s c/c_s.
+
+  /// The extra slots of a node: their share of the squared norm.
+  [[nodiscard]] float step_extras(std::size_t node) {
+    float square = 0;
+    for (std::size_t e = graph_.first_extra(node); e < graph_.end_extra(node); ++e) {
+      const FlowGraph::Extra& extra = graph_.extra(e);
+      const float share = extra.is_other_size ? kOtherShare : 1.0F;
+      float& q = q_[graph_.slot_of_extra(e)];
+      q += step_[node] * share * (u_bar_[extra.neighbour] - u_bar_[node]);
+      square += q * q / share;
     }
+    return square;
+  }
+  /// Scales them; their sum.
+  [[nodiscard]] float scale_extras(std::size_t node, float scale) {
+    float sum = 0;
+    for (std::size_t e = graph_.first_extra(node); e < graph_.end_extra(node); ++e)
+      sum += q_[graph_.slot_of_extra(e)] *= scale;
+    return sum;
+  }
+  void dual_single(std::size_t node) {
+    const float square = step_extras(node);
+    const float radius = radius_[node];
+    own_[node] = scale_extras(node, square > radius * radius ? radius / std::sqrt(square) : 1.0F);
   }
 
-  /// u ← clip(u − τ (V f + Kᵀp)), ū = 2u_new − u_old.
-  void primal(std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      float sum = -own_[i];
-      for (std::size_t s = graph_.row(i); s < graph_.row_end(i); ++s) sum += q_[graph_.twin(s)];
-      const float before = u_[i];
-      const float now = std::clamp(before - tau_[i] * (volume_f_[i] + sum), 0.0F, 1.0F);
-      u_[i] = now;
-      u_bar_[i] = 2.0F * now - before;
+  template <int kAxis>
+  void step_axis(std::size_t octet, const Eight& here, const Eight& step,
+                 std::array<Eight, FlowGraph::kRows>& q, Eight& square) const {
+    const std::array<std::uint32_t, FlowGraph::kRows>& beside = graph_.beside(octet);
+    const Eight inside = mirrored<kAxis>(here);
+    const auto beyond = [&](std::uint32_t other) {
+      // No octet there: whoever looks out sees its own value, so that its slot stays 0.
+      return other == FlowGraph::kNone ? inside : Eight::at(&u_bar_[other * FlowGraph::kOctet]);
+    };
+    const Eight outside = outer<kAxis>(beyond(beside[2 * kAxis]), beyond(beside[2 * kAxis + 1]));
+    const float* row = &q_[octet * FlowGraph::kSlots + 2 * kAxis * FlowGraph::kOctet];
+    q[2 * kAxis] = Eight::at(row) + step * (inside - here);
+    q[2 * kAxis + 1] = Eight::at(row + FlowGraph::kOctet) + step * (outside - here);
+    square = square + q[2 * kAxis] * q[2 * kAxis] + q[2 * kAxis + 1] * q[2 * kAxis + 1];
+  }
+
+  void dual_octet(std::size_t octet) {
+    const std::size_t first = octet * FlowGraph::kOctet;
+    const Eight here = Eight::at(&u_bar_[first]), step = Eight::at(&step_[first]);
+    std::array<Eight, FlowGraph::kRows> q;
+    Eight square = Eight::zero();
+    step_axis<0>(octet, here, step, q, square);
+    step_axis<1>(octet, here, step, q, square);
+    step_axis<2>(octet, here, step, q, square);
+    const bool has_extras =
+        graph_.first_extra(first) != graph_.first_extra(first + FlowGraph::kOctet);
+    Eigen::Array<float, 8, 1> squares, scales;
+    square.to(squares.data());
+    for (std::size_t k = 0; has_extras && k < FlowGraph::kOctet; ++k)
+      squares[static_cast<Eigen::Index>(k)] += step_extras(first + k);
+    const Eigen::Map<const Eigen::Array<float, 8, 1>> radius(&radius_[first]);
+    // 1 where the ball is kept; the tiny number only keeps 0/0 away.
+    scales = (radius / (squares + 1e-30F).sqrt()).min(1.0F);
+    const Eight scale = Eight::at(scales.data());
+    Eight sum = Eight::zero();
+    for (std::size_t row = 0; row < FlowGraph::kRows; ++row) {
+      q[row] = q[row] * scale;
+      q[row].to(&q_[octet * FlowGraph::kSlots + row * FlowGraph::kOctet]);
+      sum = sum + q[row];
     }
+    sum.to(&own_[first]);
+    for (std::size_t k = 0; has_extras && k < FlowGraph::kOctet; ++k)
+      own_[first + k] += scale_extras(first + k, scales[static_cast<Eigen::Index>(k)]);
+  }
+
+  // Primal step: u ← clip(u − τ (V f + Kᵀp)), ū = 2u_new − u_old. Kᵀp: what flows in less what
+  // flows out.
+
+  [[nodiscard]] float inflow_by_extras(std::size_t node) const {
+    float sum = 0;
+    for (std::size_t e = graph_.first_extra(node); e < graph_.end_extra(node); ++e)
+      sum += q_[graph_.extra(e).twin];
+    return sum;
+  }
+  void primal_single(std::size_t node) {
+    const float before = u_[node];
+    const float adjoint = inflow_by_extras(node) - own_[node];
+    u_[node] = std::clamp(before - tau_[node] * (volume_f_[node] + adjoint), 0.0F, 1.0F);
+    u_bar_[node] = 2 * u_[node] - before;
+  }
+
+  template <int kAxis>
+  [[nodiscard]] Eight inflow(std::size_t octet) const {
+    const std::array<std::uint32_t, FlowGraph::kRows>& beside = graph_.beside(octet);
+    constexpr std::size_t kInner = 2 * kAxis * FlowGraph::kOctet;
+    const auto from = [&](std::uint32_t other) {
+      return other == FlowGraph::kNone
+                 ? Eight::zero()
+                 : Eight::at(&q_[other * FlowGraph::kSlots + kInner + FlowGraph::kOctet]);
+    };
+    return mirrored<kAxis>(Eight::at(&q_[octet * FlowGraph::kSlots + kInner])) +
+           outer<kAxis>(from(beside[2 * kAxis]), from(beside[2 * kAxis + 1]));
+  }
+
+  void primal_octet(std::size_t octet) {
+    const std::size_t first = octet * FlowGraph::kOctet;
+    using Values = Eigen::Array<float, 8, 1>;
+    Values adjoint;
+    (inflow<0>(octet) + inflow<1>(octet) + inflow<2>(octet) - Eight::at(&own_[first]))
+        .to(adjoint.data());
+    if (graph_.first_extra(first) != graph_.first_extra(first + FlowGraph::kOctet))
+      for (std::size_t k = 0; k < FlowGraph::kOctet; ++k)
+        adjoint[static_cast<Eigen::Index>(k)] += inflow_by_extras(first + k);
+    const Eigen::Map<const Values> tau(&tau_[first]), volume_f(&volume_f_[first]);
+    Eigen::Map<Values> u(&u_[first]), u_bar(&u_bar_[first]);
+    const Values now = (u - tau * (volume_f + adjoint)).max(0.0F).min(1.0F);
+    u_bar = 2.0F * now - u;
+    u = now;
   }
 
   FlowGraph graph_;
-  std::vector<float> u_, u_bar_, g_, volume_f_, tau_, sigma_;
-  std::vector<float> q_;    ///< per slot: c p
-  std::vector<float> own_;  ///< per node: Σ q over its own slots
+  std::vector<float> u_, u_bar_, volume_f_, tau_;
+  std::vector<float> step_, radius_;  ///< of the dual step, see there
+  std::vector<float> q_;              ///< per slot
+  std::vector<float> own_;            ///< per node: Σ q over its own slots
 };
 
 [[nodiscard]] bool in_unit_range(const std::vector<float>& u) {

@@ -86,6 +86,7 @@ void BM_Cut(benchmark::State& state) {
 BENCHMARK(BM_Cut)
     ->Args({7, 100, 0})
     ->Args({7, 100, 1})
+    ->Args({8, 1, 1})
     ->Args({8, 50, 1})
     ->Args({8, 100, 1})
     ->Args({9, 50, 1})
