@@ -167,7 +167,7 @@ Status check_size(const std::string& label, int rig_width, int rig_height, int w
   if (rig_width == width && rig_height == height) return {};
   return Error{Code::invalid, label + " is calibrated with " + std::to_string(rig_width) + "x" +
                                   std::to_string(rig_height) + " px, the device has " +
-                                  std::to_string(width) + "x" + std::to_string(height)};
+                                  std::to_string(width) + "x" + std::to_string(height) + " px"};
 }
 
 /// Points on all twelve edges of a cube: their projection bounds that of the whole cube.
