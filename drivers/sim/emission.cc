@@ -1,11 +1,80 @@
 #include "drivers/sim/emission.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <span>
 
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "drivers/sim/emission.cc"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
 namespace alhazen::sim {
+namespace HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// Means of the line over `lanes` patches.
+template <class D>
+auto line_mean(D floats, const Emission::Node* line, std::size_t line_size, const float* centre,
+               const Extent* extent, float line_mean_value) {
+  const hn::RebindToUnsigned<D> words;
+  const hn::RebindToSigned<D> whole;
+  // Two 16-bit widths a lane.
+  const auto packed = hn::LoadU(words, reinterpret_cast<const std::uint32_t*>(extent));
+  const auto unit = hn::Set(floats, 1 / Extent::kUnitsPerPx);
+  const auto wide_px = hn::Mul(
+      hn::ConvertTo(floats, hn::BitCast(whole, hn::And(packed, hn::Set(words, 0xFFFFU)))), unit);
+  const auto narrow_px =
+      hn::Mul(hn::ConvertTo(floats, hn::BitCast(whole, hn::ShiftRight<16>(packed))), unit);
+  // A patch is never narrower than half a pixel: no lens is sharper.
+  const auto wide = hn::Max(wide_px, hn::Set(floats, 0.5F));
+  const auto half = hn::Mul(wide, hn::Set(floats, 0.5F));
+  const auto gauss = hn::Mul(narrow_px, hn::Set(floats, 0.288675135F));  // 1 / (2 √3)
+  const auto x =
+      hn::Add(hn::LoadU(floats, centre), hn::Set(floats, 0.5F));  // pixel i covers [i, i + 1)
+  const auto last = hn::Set(whole, static_cast<std::int32_t>(line_size) - 1);
+  const auto* numbers = reinterpret_cast<const float*>(line);
+  const auto integral = [&](auto at) {
+    const auto i = hn::Min(hn::Max(hn::ConvertTo(whole, at), hn::Zero(whole)), last);
+    const auto inside = hn::Sub(at, hn::ConvertTo(floats, i));
+    const auto pair = hn::ShiftLeft<1>(i);
+    return hn::Add(hn::GatherIndex(floats, numbers, pair),
+                   hn::Mul(inside, hn::GatherIndex(floats, numbers + 1, pair)));
+  };
+  const auto left = hn::Sub(x, half), right = hn::Add(x, half);
+  const auto sum =
+      hn::Add(hn::Sub(integral(hn::Add(right, gauss)), integral(hn::Add(left, gauss))),
+              hn::Sub(integral(hn::Sub(right, gauss)), integral(hn::Sub(left, gauss))));
+  return hn::Add(hn::Div(hn::Mul(sum, hn::Set(floats, 0.5F)), wide),
+                 hn::Set(floats, line_mean_value));
+}
+
+void line_means(const Emission::Node* line, std::size_t line_size, const float* centre,
+                const Extent* extent, std::size_t count, float line_mean_value,
+                float* HWY_RESTRICT means) {
+  const hn::ScalableTag<float> floats;
+  const std::size_t lanes = hn::Lanes(floats);
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes)
+    hn::StoreU(line_mean(floats, line, line_size, centre + i, extent + i, line_mean_value), floats,
+               means + i);
+  const hn::CappedTag<float, 1> one;
+  for (; i < count; ++i)
+    hn::StoreU(line_mean(one, line, line_size, centre + i, extent + i, line_mean_value), one,
+               means + i);
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace alhazen::sim
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace alhazen::sim {
+HWY_EXPORT(line_means);
 namespace {
 
 std::uint64_t hash_of(std::span<const std::byte> bytes) {
@@ -25,7 +94,7 @@ std::uint64_t hash_of(std::span<const std::byte> bytes) {
   return hash;
 }
 
-/// Linear light of a pixel value: black · (1 − black) … 1.
+/// Linear light of a pixel value above that of black.
 class Panel {
  public:
   Panel(const DisplayTruth& display, int bits) : table_(std::size_t{1} << bits) {
@@ -80,18 +149,34 @@ Emission::Emission(const Image& image, const DisplayTruth& display)
   }
 }
 
+void Patches::reserve(std::size_t count) {
+  x.reserve(count);
+  weight.reserve(count);
+  u.reserve(count);
+  v.reserve(count);
+  extent_u.reserve(count);
+  extent_v.reserve(count);
+}
+
+void Patches::push_back(const Patch& patch) {
+  x.push_back(patch.x);
+  weight.push_back(patch.weight);
+  u.push_back(patch.u);
+  v.push_back(patch.v);
+  extent_u.push_back(patch.extent_u);
+  extent_v.push_back(patch.extent_v);
+}
+
 void Emission::prepare_line(const std::vector<float>& line) {
   double sum = 0;
-  for (const float value : line) sum += value;
-  // Without their mean the integrals stay small, and so do their rounding errors.
+  for (const float value : line) sum += static_cast<double>(value);
   uniform_ = sum / static_cast<double>(line.size());
   line_.resize(line.size());
-  double once = 0, twice = 0;
+  double integral = 0;
   for (std::size_t i = 0; i < line.size(); ++i) {
-    const double value = line[i] - uniform_;
-    line_[i] = {twice, once, value};
-    twice += once + 0.5 * value;
-    once += value;
+    const double value = static_cast<double>(line[i]) - uniform_;
+    line_[i] = {static_cast<float>(integral), static_cast<float>(value)};
+    integral += value;
   }
 }
 
@@ -108,34 +193,17 @@ void Emission::prepare_area(const std::vector<float>& light) {
   }
 }
 
-double Emission::line_mean(float centre, std::uint16_t wide, std::uint16_t narrow) const {
-  // A patch is never smaller than half a pixel across: no lens is sharper, and 1 / (a b) stays
-  // tame.
-  const double a = std::max(0.5, wide * (1.0 / Patch::kUnitsPerPx));
-  const double b = std::max(a / 8, narrow * (1.0 / Patch::kUnitsPerPx));
-  const double x = static_cast<double>(centre) + 0.5;  // pixel i covers [i, i + 1)
-  const int last = static_cast<int>(line_.size()) - 1;
-  const auto twice = [&](double at) {
-    const int i = std::clamp(static_cast<int>(at), 0, last);
-    const Node& node = line_[static_cast<std::size_t>(i)];
-    const double f = at - i;
-    return node.twice + f * (node.once + f * 0.5 * node.value);
+double Emission::area_mean(double u, double v, Extent extent_u, Extent extent_v) const {
+  const auto half = [](Extent extent) {
+    const double a = extent.wide, b = extent.narrow;
+    return std::max(0.25,
+                    0.5 / static_cast<double>(Extent::kUnitsPerPx) * std::sqrt(a * a + b * b));
   };
-  const double outer = 0.5 * (a + b), inner = 0.5 * (a - b);
-  return (twice(x + outer) - twice(x + inner) - twice(x - inner) + twice(x - outer)) / (a * b);
-}
-
-double Emission::area_mean(const Patch& patch) const {
-  const auto half = [](std::uint16_t wide, std::uint16_t narrow) {
-    const double a = wide, b = narrow;
-    return std::max(0.25, 0.5 / Patch::kUnitsPerPx * std::sqrt(a * a + b * b));
-  };
-  const double half_u = half(patch.wide_u, patch.narrow_u),
-               half_v = half(patch.wide_v, patch.narrow_v);
-  const double left = std::clamp(patch.u + 0.5 - half_u, 0.0, static_cast<double>(width_px_)),
-               right = std::clamp(patch.u + 0.5 + half_u, 0.0, static_cast<double>(width_px_)),
-               top = std::clamp(patch.v + 0.5 - half_v, 0.0, static_cast<double>(height_px_)),
-               bottom = std::clamp(patch.v + 0.5 + half_v, 0.0, static_cast<double>(height_px_));
+  const double half_u = half(extent_u), half_v = half(extent_v);
+  const double left = std::clamp(u + 0.5 - half_u, 0.0, static_cast<double>(width_px_)),
+               right = std::clamp(u + 0.5 + half_u, 0.0, static_cast<double>(width_px_)),
+               top = std::clamp(v + 0.5 - half_v, 0.0, static_cast<double>(height_px_)),
+               bottom = std::clamp(v + 0.5 + half_v, 0.0, static_cast<double>(height_px_));
   if (!(right > left && bottom > top)) return 0;
   const auto sum = [&](double x, double y) {
     const int i = std::min(static_cast<int>(x), width_px_ - 1),
@@ -151,22 +219,39 @@ double Emission::area_mean(const Patch& patch) const {
          ((right - left) * (bottom - top));
 }
 
-void Emission::add(const Patch* begin, const Patch* end, double weight, float* row) const {
-  const auto each = [&](auto&& mean) {
-    for (const Patch* patch = begin; patch != end; ++patch)
-      row[patch->x] += static_cast<float>(weight * patch->weight * mean(*patch));
-  };
-  switch (varies_) {
-    case Varies::nowhere:
-      if (uniform_ * weight == 0) return;
-      return each([&](const Patch&) { return uniform_; });
-    case Varies::along_u:
-      return each([&](const Patch& p) { return uniform_ + line_mean(p.u, p.wide_u, p.narrow_u); });
-    case Varies::along_v:
-      return each([&](const Patch& p) { return uniform_ + line_mean(p.v, p.wide_v, p.narrow_v); });
-    case Varies::everywhere:
-      return each([&](const Patch& p) { return area_mean(p); });
+void Emission::add(const Patches& patches, std::size_t begin, std::size_t end, double weight,
+                   float* row) const {
+  if (varies_ == Varies::nowhere && uniform_ * weight == 0) return;
+  // A row's patches, some at a time: first the means, all lanes at once, then where they belong.
+  constexpr std::size_t kAtOnce = 256;
+  std::array<float, kAtOnce> means;  // NOLINT(cppcoreguidelines-pro-type-member-init): filled below
+  for (std::size_t first = begin; first < end; first += kAtOnce) {
+    const std::size_t count = std::min(kAtOnce, end - first);
+    switch (varies_) {
+      case Varies::nowhere:
+        std::fill_n(means.begin(), count, static_cast<float>(uniform_));
+        break;
+      case Varies::along_u:
+      case Varies::along_v: {
+        const bool along_u = varies_ == Varies::along_u;
+        HWY_DYNAMIC_DISPATCH(line_means)
+        (line_.data(), line_.size(), (along_u ? patches.u : patches.v).data() + first,
+         (along_u ? patches.extent_u : patches.extent_v).data() + first, count,
+         static_cast<float>(uniform_), means.data());
+        break;
+      }
+      case Varies::everywhere:
+        for (std::size_t i = 0; i < count; ++i)
+          means[i] = static_cast<float>(area_mean(
+              static_cast<double>(patches.u[first + i]), static_cast<double>(patches.v[first + i]),
+              patches.extent_u[first + i], patches.extent_v[first + i]));
+        break;
+    }
+    const auto share = static_cast<float>(weight);
+    for (std::size_t i = 0; i < count; ++i)
+      row[patches.x[first + i]] += share * patches.weight[first + i] * means[i];
   }
 }
 
 }  // namespace alhazen::sim
+#endif  // HWY_ONCE

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -8,47 +9,68 @@
 
 namespace alhazen::sim {
 
-/// A piece of a display that one camera pixel (or a part of it) sees: the pixel's square, carried
-/// to the display by a map that is linear there, is a parallelogram. Its shadow on an axis is a
-/// trapezoid, the convolution of two boxes of widths `wide` and `narrow`.
-struct Patch {
-  static constexpr float kUnitsPerPx = 32;  ///< of the widths below: up to 2047 px, to 1/32
-  std::uint32_t x = 0;                      ///< camera pixel within the row of its region
-  float weight = 0;                         ///< radiance per radiance of the display
-  float u = 0, v = 0;                       ///< middle, display pixels
-  std::uint16_t wide_u = 0, narrow_u = 0, wide_v = 0, narrow_v = 0;
+/// Extent of a patch along one axis of a display: widths of two boxes, in 1/32 px.
+struct Extent {
+  static constexpr float kUnitsPerPx = 32;  ///< so that 16 bits reach to 2047 px
+  std::uint16_t wide = 0, narrow = 0;
 };
 
-/// A picture on a display as linear light (white 1), ready to be averaged exactly over patches.
-/// A picture that varies along one axis alone is kept as one line of it. Immutable, thread-safe.
+/// A piece of a display that one camera pixel (or a part of it) sees: the pixel's square, carried
+/// to the display by a map that is linear there, is a parallelogram. Its shadow on an axis is a
+/// trapezoid, the convolution of two boxes.
+struct Patch {
+  std::uint32_t x = 0;  ///< camera pixel within the row of its region
+  float weight = 0;     ///< radiance per radiance of the display
+  float u = 0, v = 0;   ///< middle, display pixels
+  Extent extent_u, extent_v;
+};
+
+/// Many patches, part by part, so that several are averaged at once.
+struct Patches {
+  std::vector<std::uint32_t> x;
+  std::vector<float> weight, u, v;
+  std::vector<Extent> extent_u, extent_v;
+
+  void reserve(std::size_t count);
+  void push_back(const Patch& patch);
+  [[nodiscard]] std::size_t size() const noexcept { return x.size(); }
+};
+
+/// A picture on a display as linear light above that of a black panel (white: 1 − black), ready to
+/// be averaged over patches. A picture that varies along one axis alone is kept as one line of it.
+/// Immutable, thread-safe.
 class Emission {
  public:
-  /// A panel of the world that shows one value everywhere.
+  /// A panel that shows one value everywhere: `radiance` above black.
   explicit Emission(double radiance, std::uint64_t hash = 0) : uniform_(radiance), hash_(hash) {}
   /// REQUIRES: the image has the display's size.
   Emission(const Image& image, const DisplayTruth& display);
 
-  /// Adds weight · mean over each patch to `row[patch.x]`.
-  void add(const Patch* begin, const Patch* end, double weight, float* row) const;
+  /// Adds weight · patch weight · mean over the patch to `row[x]`, for patches [begin, end). The
+  /// mean along a line is over the wider box at the two Gauss points of the narrower one (exact to
+  /// third order); in a picture that varies both ways, over a rectangle of the same variance.
+  void add(const Patches& patches, std::size_t begin, std::size_t end, double weight,
+           float* row) const;
 
   /// Of the picture's pixels: what makes the noise of two exposures differ.
   [[nodiscard]] std::uint64_t hash() const noexcept { return hash_; }
 
+  /// Integral of the line up to a pixel's left edge, and the pixel's own value, both without the
+  /// line's mean: so they stay small, and so do their rounding errors.
+  struct Node {
+    float integral = 0, value = 0;
+  };
+
  private:
   enum class Varies : std::uint8_t { nowhere, along_u, along_v, everywhere };
-  /// First and second integral of the line up to a pixel's left edge, and the pixel's own value.
-  struct Node {
-    double twice = 0, once = 0, value = 0;
-  };
 
   void prepare_line(const std::vector<float>& line);
   void prepare_area(const std::vector<float>& light);
-  [[nodiscard]] double line_mean(float centre, std::uint16_t wide, std::uint16_t narrow) const;
-  [[nodiscard]] double area_mean(const Patch& patch) const;
+  [[nodiscard]] double area_mean(double u, double v, Extent extent_u, Extent extent_v) const;
 
   Varies varies_ = Varies::nowhere;
   int width_px_ = 0, height_px_ = 0;
-  double uniform_ = 0;        // nowhere: the value; along_*: the line's mean, left out of line_
+  double uniform_ = 0;        // nowhere: the value; along_*: the line's mean
   std::vector<Node> line_;    // along_u, along_v
   std::vector<double> area_;  // everywhere: summed-area table, (width + 1) × (height + 1)
   std::uint64_t hash_ = 0;

@@ -29,12 +29,12 @@ struct Screen {
 struct End {
   float u = 0, v = 0;  // display pixels
   float share = 0;     // of the display's radiance that arrives
-  float surround = 0;  // radiance that the ambient light added on the way
+  float dark = 0;      // radiance with all panels black
   std::int16_t display = kNothing;
   std::int16_t bounces = 0;
 
   [[nodiscard]] bool same_path(const End& other) const {
-    return display == other.display && bounces == other.bounces;
+    return display == other.display && (bounces == other.bounces || display == kNothing);
   }
 };
 
@@ -60,6 +60,12 @@ struct Bundle {
   }
 };
 
+/// Where the last sight line of a row met the plane z = 1 of its camera, and the way there from the
+/// one before.
+struct Walk {
+  Vec2 plane, step;
+};
+
 /// One camera, with everything in the object frame.
 class View {
  public:
@@ -81,7 +87,7 @@ class View {
       screen.height_px = display.height_px;
       screens_.push_back(screen);
     }
-    find_object();
+    find_what_is_seen();
   }
 
   [[nodiscard]] const Region& region() const { return region_; }
@@ -90,29 +96,38 @@ class View {
 
   /// Adds the line through a point of the sensor. `plane` is the last answer of the lens and
   /// becomes this one.
-  void add_line(double x, double y, Vec2& plane, Bundle& bundle) const {
-    plane = lens_.plane_point({x, y}, plane);
+  void add_line(double x, double y, Walk& walk, Bundle& bundle) const {
+    const Vec2 plane = lens_.plane_point({x, y}, walk.plane + walk.step);
+    walk = {plane, plane - walk.plane};
     const Vec3 direction = object_from_camera_.turn * Vec3(plane.x(), plane.y(), 1).normalized();
-    bundle.add({object_from_camera_.shift_mm, direction}, may_see_object(x, y));
+    bundle.add({object_from_camera_.shift_mm, direction}, (sees(x, y) & kObject) != 0);
   }
-  [[nodiscard]] Vec2 plane_guess(double x, double y) const { return lens_.plane_point({x, y}); }
+  [[nodiscard]] Walk walk_from(double x, double y) const {
+    return {lens_.plane_point({x, y}), Vec2::Zero()};
+  }
+
+  /// What the pixel at (x, y) of the sensor and its corners may meet first.
+  static constexpr std::uint8_t kObject = 1, kOther = 2;
+  [[nodiscard]] std::uint8_t sees(double x, double y) const {
+    const int i = std::clamp((static_cast<int>(x) - region_.x) / kBlock, 0, blocks_across_ - 1);
+    const int j = std::clamp((static_cast<int>(y) - region_.y) / kBlock, 0, blocks_down_ - 1);
+    return mask_[static_cast<std::size_t>(j * blocks_across_ + i)];
+  }
 
   /// Follows every line of the bundle to its end. Returns the number of lines followed, bounces
   /// counted.
   std::uint64_t follow(Bundle& bundle, bool keep_first_hits) const;
 
   /// Light of the displays that the matt rest of the surface sends to every direction: patches for
-  /// cells of each display.
-  void add_diffuse(const SurfaceHit& hit, std::uint32_t x,
-                   std::vector<std::vector<Patch>>& lights) const;
+  /// cells of each display. Returns the radiance of it with all panels black.
+  double add_diffuse(const SurfaceHit& hit, std::uint32_t x,
+                     std::vector<std::vector<Patch>>& lights) const;
 
  private:
-  void find_object();
-  [[nodiscard]] bool may_see_object(double x, double y) const {
-    const int i = std::clamp((static_cast<int>(x) - region_.x) / kBlock, 0, blocks_across_ - 1);
-    const int j = std::clamp((static_cast<int>(y) - region_.y) / kBlock, 0, blocks_down_ - 1);
-    return mask_[static_cast<std::size_t>(j * blocks_across_ + i)] != 0;
-  }
+  void find_what_is_seen();
+  void mark_all();
+  void mark(std::uint8_t what, const Vec2& low, const Vec2& high);
+  void mark_hull(const std::vector<Vec3>& corners_camera);
   /// Ends the line at the first display or at the holder; the distance to it, infinite where it
   /// leaves the rig.
   double surroundings(const SightLine& line, End& end) const;
@@ -129,35 +144,77 @@ class View {
   std::vector<std::uint8_t> mask_;
 };
 
-void View::find_object() {
+void View::find_what_is_seen() {
   blocks_across_ = (region_.width + kBlock - 1) / kBlock;
   blocks_down_ = (region_.height + kBlock - 1) / kBlock;
   mask_.assign(static_cast<std::size_t>(blocks_across_ * blocks_down_), 0);
   const Rigid camera_from_object = object_from_camera_.inverse();
+  const double focal_px = std::max(lens_.fx_px, lens_.fy_px);
   for (const Ball& ball : shape_.cover()) {
     const Vec3 centre = camera_from_object * ball.centre_mm;
-    if (centre.z() < 2 * ball.radius_mm) {  // the camera touches it: every pixel may
-      std::fill(mask_.begin(), mask_.end(), 1);
-      return;
-    }
+    if (centre.z() < 2 * ball.radius_mm) return mark_all();  // the camera all but touches it
     const Vec2 middle = lens_.project(centre);
     // Perspective and distortion stretch the disc by less than a quarter; two pixels for corners.
-    const double reach =
-        1.25 * ball.radius_mm / (centre.z() - ball.radius_mm) * std::max(lens_.fx_px, lens_.fy_px) +
-        2;
-    const auto block = [](double at, int first, int count) {
-      return std::clamp(static_cast<int>(std::floor((at - first) / kBlock)), -1, count);
-    };
-    const int left = std::max(0, block(middle.x() - reach, region_.x, blocks_across_)),
-              right = std::min(blocks_across_ - 1,
-                               block(middle.x() + reach, region_.x, blocks_across_)),
-              top = std::max(0, block(middle.y() - reach, region_.y, blocks_down_)),
-              bottom =
-                  std::min(blocks_down_ - 1, block(middle.y() + reach, region_.y, blocks_down_));
-    for (int j = top; j <= bottom; ++j)
-      for (int i = left; i <= right; ++i)
-        mask_[static_cast<std::size_t>(j * blocks_across_ + i)] = 1;
+    const double reach = 1.25 * ball.radius_mm / (centre.z() - ball.radius_mm) * focal_px + 2;
+    mark(kObject, middle.array() - reach, middle.array() + reach);
   }
+  for (const Screen& screen : screens_) {
+    std::vector<Vec3> corners;
+    for (const double u : {-0.5, screen.width_px - 0.5})
+      for (const double v : {-0.5, screen.height_px - 0.5})
+        corners.push_back(camera_from_object *
+                          (screen.origin_mm + u * screen.u_mm + v * screen.v_mm));
+    mark_hull(corners);
+  }
+  if (scene_.holder.radius_mm > 0 && scene_.holder.length_mm > 0) {
+    std::vector<Vec3> corners;
+    for (const double z : {0.0, -scene_.holder.length_mm})
+      for (const double x : {-1.0, 1.0})
+        for (const double y : {-1.0, 1.0})
+          corners.push_back(camera_from_object *
+                            Vec3(scene_.holder.radius_mm * x, scene_.holder.radius_mm * y, z));
+    mark_hull(corners);
+  }
+}
+
+void View::mark_all() { std::fill(mask_.begin(), mask_.end(), std::uint8_t{kObject | kOther}); }
+
+void View::mark(std::uint8_t what, const Vec2& low, const Vec2& high) {
+  const auto block = [](double at, int first, int count) {
+    return static_cast<int>(
+        std::floor(std::clamp((at - first) / kBlock, -1.0, static_cast<double>(count))));
+  };
+  const int left = std::max(0, block(low.x(), region_.x, blocks_across_)),
+            right = std::min(blocks_across_ - 1, block(high.x(), region_.x, blocks_across_)),
+            top = std::max(0, block(low.y(), region_.y, blocks_down_)),
+            bottom = std::min(blocks_down_ - 1, block(high.y(), region_.y, blocks_down_));
+  for (int j = top; j <= bottom; ++j)
+    for (int i = left; i <= right; ++i)
+      mask_[static_cast<std::size_t>(j * blocks_across_ + i)] |= what;
+}
+
+void View::mark_hull(const std::vector<Vec3>& corners_camera) {
+  Vec2 low = Vec2::Constant(std::numeric_limits<double>::infinity()), high = -low;
+  std::size_t behind = 0;
+  for (const Vec3& corner : corners_camera) {
+    if (corner.z() <= 0) {
+      ++behind;
+      continue;
+    }
+    // Without distortion, which means nothing far outside the picture.
+    const Vec2 at(lens_.fx_px * corner.x() / corner.z() + lens_.cx_px,
+                  lens_.fy_px * corner.y() / corner.z() + lens_.cy_px);
+    low = low.cwiseMin(at);
+    high = high.cwiseMax(at);
+  }
+  if (behind == corners_camera.size()) return;
+  if (behind > 0) {
+    low = Vec2::Constant(-std::numeric_limits<double>::infinity());
+    high = -low;
+  }
+  // Lenses of a rig bend lines by far less than a tenth of the picture.
+  const double slack = 0.1 * std::max(region_.x + region_.width, region_.y + region_.height) + 2;
+  mark(kOther, low.array() - slack, high.array() + slack);
 }
 
 double View::holder_distance(const SightLine& line) const {
@@ -165,6 +222,10 @@ double View::holder_distance(const SightLine& line) const {
   const double radius = scene_.holder.radius_mm, foot = -scene_.holder.length_mm;
   if (radius == 0 || foot == 0) return kInfinity;
   const Vec3 &o = line.origin_mm, &d = line.direction;
+  const double a = d.head<2>().squaredNorm(), b = o.head<2>().dot(d.head<2>()),
+               c = o.head<2>().squaredNorm() - radius * radius, square = b * b - a * c;
+  if (square < 0 || (c > 0 && b > 0))
+    return kInfinity;  // passes the endless cylinder, or leaves it
   double first = kInfinity;
   const auto offer = [&](double t) {
     if (t > Shape::kSkinMm && t < first) first = t;
@@ -174,9 +235,7 @@ double View::holder_distance(const SightLine& line) const {
       const double t = (level - o.z()) / d.z();
       if ((o.head<2>() + t * d.head<2>()).squaredNorm() <= radius * radius) offer(t);
     }
-  const double a = d.head<2>().squaredNorm(), b = o.head<2>().dot(d.head<2>()),
-               c = o.head<2>().squaredNorm() - radius * radius, square = b * b - a * c;
-  if (a > 0 && square >= 0)
+  if (a > 0)
     for (const double root : {-std::sqrt(square), std::sqrt(square)}) {
       const double t = (-b + root) / a, z = o.z() + t * d.z();
       if (z <= 0 && z >= foot) offer(t);
@@ -188,7 +247,7 @@ double View::surroundings(const SightLine& line, End& end) const {
   double first = holder_distance(line);
   const bool on_holder = first < std::numeric_limits<double>::infinity();
   end.display = kNothing;
-  double ambient = on_holder ? scene_.ambient * scene_.holder.albedo : scene_.ambient;
+  double radiance = on_holder ? scene_.ambient * scene_.holder.albedo : scene_.ambient;
   for (std::size_t i = 0; i < screens_.size(); ++i) {
     const Screen& screen = screens_[i];
     const double fall = line.direction.dot(screen.inward);
@@ -201,12 +260,13 @@ double View::surroundings(const SightLine& line, End& end) const {
     if (!(u >= -0.5 && u < screen.width_px - 0.5 && v >= -0.5 && v < screen.height_px - 0.5))
       continue;
     first = t;
-    ambient = 0;  // panels are black where they do not shine
+    // The back of a panel is black.
     end.display = fall > 0 ? static_cast<std::int16_t>(i) : static_cast<std::int16_t>(kNothing);
+    radiance = fall > 0 ? scene_.displays[i].black_share : 0;
     end.u = static_cast<float>(u);
     end.v = static_cast<float>(v);
   }
-  end.surround += end.share * static_cast<float>(ambient);
+  end.dark += end.share * static_cast<float>(radiance);
   return first;
 }
 
@@ -244,7 +304,7 @@ std::uint64_t View::follow(Bundle& bundle, bool keep_first_hits) const {
         continue;
       }
       if (keep_first_hits && bounce == 0) bundle.first_hits[i] = hit;
-      end.surround += end.share * matt_ambient;
+      end.dark += end.share * matt_ambient;
       const double fall = line.direction.dot(hit.normal);
       const Vec3 mirrored = line.direction - 2 * fall * hit.normal;
       // Inside, behind the rim of the visible side, or at the end of what is followed: dark.
@@ -271,11 +331,12 @@ bool View::is_blocked(const Vec3& from, const Vec3& to) const {
 
 std::uint16_t width_units(double px) {
   return static_cast<std::uint16_t>(
-      std::min(px * static_cast<double>(Patch::kUnitsPerPx) + 0.5, 65535.0));
+      std::min(px * static_cast<double>(Extent::kUnitsPerPx) + 0.5, 65535.0));
 }
 
-void View::add_diffuse(const SurfaceHit& hit, std::uint32_t x,
-                       std::vector<std::vector<Patch>>& lights) const {
+double View::add_diffuse(const SurfaceHit& hit, std::uint32_t x,
+                         std::vector<std::vector<Patch>>& lights) const {
+  double dark = 0;
   constexpr int kCells = 4;  // across a display: a matt surface tells no more of the picture
   for (std::size_t d = 0; d < screens_.size(); ++d) {
     const Screen& screen = screens_[d];
@@ -296,20 +357,19 @@ void View::add_diffuse(const SurfaceHit& hit, std::uint32_t x,
         patch.weight = static_cast<float>(weight);
         patch.u = static_cast<float>(u);
         patch.v = static_cast<float>(v);
-        patch.wide_u = width_units(cell_u);
-        patch.wide_v = width_units(cell_v);
+        patch.extent_u = {width_units(cell_u), 0};
+        patch.extent_v = {width_units(cell_v), 0};
         lights[d].push_back(patch);
+        dark += weight * scene_.displays[d].black_share;
       }
   }
+  return dark;
 }
 
-/// Widths of the boxes whose convolution is the shadow of the parallelogram of `along` and
-/// `across`.
-void set_widths(double along_u, double across_u, double along_v, double across_v, Patch& patch) {
-  patch.wide_u = width_units(std::max(std::abs(along_u), std::abs(across_u)));
-  patch.narrow_u = width_units(std::min(std::abs(along_u), std::abs(across_u)));
-  patch.wide_v = width_units(std::max(std::abs(along_v), std::abs(across_v)));
-  patch.narrow_v = width_units(std::min(std::abs(along_v), std::abs(across_v)));
+/// Boxes whose convolution is the shadow of the parallelogram of two edges on an axis.
+Extent extent_of(double along, double across) {
+  const double a = std::abs(along), b = std::abs(across);
+  return {width_units(std::max(a, b)), width_units(std::min(a, b))};
 }
 
 /// What is gathered for the rows of one band of tiles.
@@ -328,22 +388,33 @@ class Tiler {
   void trace(int left, int top, int width, int height, Band& band);
 
  private:
-  [[nodiscard]] float& surround(int x, int y) {
-    return out_.surround[static_cast<std::size_t>(y) * static_cast<std::size_t>(out_.region.width) +
-                         static_cast<std::size_t>(x)];
+  [[nodiscard]] float& dark(int x, int y) {
+    return out_.dark[static_cast<std::size_t>(y) * static_cast<std::size_t>(out_.region.width) +
+                     static_cast<std::size_t>(x)];
   }
-  bool add_even(const std::array<const End*, 4>& corners, const End& middle, int x, int y,
+  using Corners = std::array<const End*, 4>;  // left top, right top, left bottom, right bottom
+  [[nodiscard]] Corners corners_of(int i, int j, int width) const {
+    const End* first = &corners_.ends[static_cast<std::size_t>(j * (width + 1) + i)];
+    return {first, first + 1, first + width + 1, first + width + 2};
+  }
+  [[nodiscard]] bool sees_anything(int left, int top, int width, int height) const {
+    for (int y = top; y < top + height; y += kBlock)
+      for (int x = left; x < left + width; x += kBlock)
+        if (view_.sees(view_.region().x + x, view_.region().y + y) != 0) return true;
+    return false;
+  }
+  bool add_even(const Corners& corners, const End& middle, int x, int y,
                 std::vector<std::vector<Patch>>& lights);
   void add_uneven(const End* samples, int x, int y, std::vector<std::vector<Patch>>& lights);
 
   const View& view_;
   Transport& out_;
   bool matt_ = false;
-  Bundle bundle_, fine_;
-  std::vector<std::pair<int, int>> uneven_;
+  Bundle corners_, middles_, samples_;
+  std::vector<std::pair<int, int>> lit_, uneven_;  // of the tile
 };
 
-bool Tiler::add_even(const std::array<const End*, 4>& corners, const End& middle, int x, int y,
+bool Tiler::add_even(const Corners& corners, const End& middle, int x, int y,
                      std::vector<std::vector<Patch>>& lights) {
   for (const End* corner : corners)
     if (!corner->same_path(middle)) return false;
@@ -351,11 +422,8 @@ bool Tiler::add_even(const std::array<const End*, 4>& corners, const End& middle
     return 0.25 * (static_cast<double>(corners[0]->*part) + static_cast<double>(corners[1]->*part) +
                    static_cast<double>(corners[2]->*part) + static_cast<double>(corners[3]->*part));
   };
-  if (!out_.surround.empty())
-    surround(x, y) =
-        static_cast<float>((2.0 * static_cast<double>(middle.surround) + mean(&End::surround)) / 3);
+  dark(x, y) = static_cast<float>((2.0 * static_cast<double>(middle.dark) + mean(&End::dark)) / 3);
   if (middle.display == kNothing) return true;
-  // Corners are ordered (left top), (right top), (left bottom), (right bottom).
   struct Axis {
     double middle, along, across;
     bool is_linear;
@@ -380,7 +448,8 @@ bool Tiler::add_even(const std::array<const End*, 4>& corners, const End& middle
   patch.weight = middle.share;
   patch.u = static_cast<float>(u.middle);
   patch.v = static_cast<float>(v.middle);
-  set_widths(u.along, u.across, v.along, v.across, patch);
+  patch.extent_u = extent_of(u.along, u.across);
+  patch.extent_v = extent_of(v.along, v.across);
   lights[static_cast<std::size_t>(middle.display)].push_back(patch);
   return true;
 }
@@ -388,11 +457,11 @@ bool Tiler::add_even(const std::array<const End*, 4>& corners, const End& middle
 void Tiler::add_uneven(const End* samples, int x, int y, std::vector<std::vector<Patch>>& lights) {
   const int across = view_.scene().renderer.samples_across;
   const float part = 1.0F / static_cast<float>(across * across);
-  float surrounding = 0;
+  float black = 0;
   for (int j = 0; j < across; ++j)
     for (int i = 0; i < across; ++i) {
       const End& end = samples[j * across + i];
-      surrounding += part * end.surround;
+      black += part * end.dark;
       if (end.display == kNothing) continue;
       // The neighbours on the same path tell how far this sample's share reaches.
       const auto reach = [&](int di, int dj, float End::*axis) {
@@ -412,64 +481,84 @@ void Tiler::add_uneven(const End* samples, int x, int y, std::vector<std::vector
       patch.weight = part * end.share;
       patch.u = end.u;
       patch.v = end.v;
-      set_widths(reach(1, 0, &End::u), reach(0, 1, &End::u), reach(1, 0, &End::v),
-                 reach(0, 1, &End::v), patch);
+      patch.extent_u = extent_of(reach(1, 0, &End::u), reach(0, 1, &End::u));
+      patch.extent_v = extent_of(reach(1, 0, &End::v), reach(0, 1, &End::v));
       lights[static_cast<std::size_t>(end.display)].push_back(patch);
     }
-  if (!out_.surround.empty()) surround(x, y) = surrounding;
+  dark(x, y) = black;
 }
 
 void Tiler::trace(int left, int top, int width, int height, Band& band) {
   const Region& region = view_.region();
   const double x0 = region.x + left, y0 = region.y + top;
-  bundle_.clear();
-  for (int j = 0; j < height; ++j) {
-    Vec2 plane = view_.plane_guess(x0, y0 + j);
-    for (int i = 0; i < width; ++i) view_.add_line(x0 + i, y0 + j, plane, bundle_);
+  if (!sees_anything(left, top, width, height)) {
+    for (int j = 0; j < height; ++j)
+      std::fill_n(&dark(left, top + j), width, static_cast<float>(view_.scene().ambient));
+    return;
   }
-  const std::size_t middles = bundle_.lines.size();
+  corners_.clear();
   for (int j = 0; j <= height; ++j) {
-    Vec2 plane = view_.plane_guess(x0 - 0.5, y0 + j - 0.5);
-    for (int i = 0; i <= width; ++i) view_.add_line(x0 + i - 0.5, y0 + j - 0.5, plane, bundle_);
+    Walk walk = view_.walk_from(x0 - 0.5, y0 + j - 0.5);
+    for (int i = 0; i <= width; ++i) view_.add_line(x0 + i - 0.5, y0 + j - 0.5, walk, corners_);
   }
-  band.ray_count += view_.follow(bundle_, matt_);
+  band.ray_count += view_.follow(corners_, false);
+
+  // A pixel whose corners all see no display is dark. The others need their middles.
+  lit_.clear();
+  middles_.clear();
+  for (int j = 0; j < height; ++j) {
+    Walk walk = view_.walk_from(x0, y0 + j);
+    int last = 0;
+    for (int i = 0; i < width; ++i) {
+      const Corners corners = corners_of(i, j, width);
+      const bool unlit = std::all_of(corners.begin(), corners.end(),
+                                     [](const End* end) { return end->display == kNothing; });
+      if (unlit)
+        dark(left + i, top + j) =
+            0.25F * (corners[0]->dark + corners[1]->dark + corners[2]->dark + corners[3]->dark);
+      if (unlit && !matt_) continue;
+      if (i - last > 1) walk = view_.walk_from(x0 + i, y0 + j);
+      last = i;
+      view_.add_line(x0 + i, y0 + j, walk, middles_);
+      lit_.emplace_back(i, j);
+    }
+  }
+  band.ray_count += view_.follow(middles_, matt_);
 
   uneven_.clear();
-  for (int j = 0; j < height; ++j)
-    for (int i = 0; i < width; ++i) {
-      auto& lights = band.rows[static_cast<std::size_t>(j)];
-      const std::size_t middle = static_cast<std::size_t>(j * width + i);
-      const End* corner = &bundle_.ends[middles + static_cast<std::size_t>(j * (width + 1) + i)];
-      if (!add_even({corner, corner + 1, corner + width + 1, corner + width + 2},
-                    bundle_.ends[middle], left + i, top + j, lights))
-        uneven_.emplace_back(i, j);
-      if (matt_ && bundle_.first_hits[middle].distance_mm < std::numeric_limits<double>::infinity())
-        view_.add_diffuse(bundle_.first_hits[middle], static_cast<std::uint32_t>(left + i), lights);
-    }
+  for (std::size_t k = 0; k < lit_.size(); ++k) {
+    const auto [i, j] = lit_[k];
+    auto& lights = band.rows[static_cast<std::size_t>(j)];
+    if (!add_even(corners_of(i, j, width), middles_.ends[k], left + i, top + j, lights))
+      uneven_.emplace_back(i, j);
+    if (matt_ && middles_.first_hits[k].distance_mm < std::numeric_limits<double>::infinity())
+      dark(left + i, top + j) += static_cast<float>(
+          view_.add_diffuse(middles_.first_hits[k], static_cast<std::uint32_t>(left + i), lights));
+  }
 
   const int across = view_.scene().renderer.samples_across;
-  fine_.clear();
-  for (const auto& [i, j] : uneven_) {
-    Vec2 plane = view_.plane_guess(x0 + i, y0 + j);
-    for (int b = 0; b < across; ++b)
+  samples_.clear();
+  for (const auto& [i, j] : uneven_)
+    for (int b = 0; b < across; ++b) {
+      const double x = x0 + i + 0.5 / across - 0.5, y = y0 + j + (b + 0.5) / across - 0.5;
+      Walk walk = view_.walk_from(x, y);
       for (int a = 0; a < across; ++a)
-        view_.add_line(x0 + i + (a + 0.5) / across - 0.5, y0 + j + (b + 0.5) / across - 0.5, plane,
-                       fine_);
-  }
-  band.ray_count += view_.follow(fine_, false);
+        view_.add_line(x + static_cast<double>(a) / across, y, walk, samples_);
+    }
+  band.ray_count += view_.follow(samples_, false);
   band.uneven_count += uneven_.size();
   for (std::size_t k = 0; k < uneven_.size(); ++k)
-    add_uneven(&fine_.ends[k * static_cast<std::size_t>(across * across)], left + uneven_[k].first,
-               top + uneven_[k].second, band.rows[static_cast<std::size_t>(uneven_[k].second)]);
+    add_uneven(&samples_.ends[k * static_cast<std::size_t>(across * across)],
+               left + uneven_[k].first, top + uneven_[k].second,
+               band.rows[static_cast<std::size_t>(uneven_[k].second)]);
 }
 
 }  // namespace
 
 std::size_t Transport::bytes() const noexcept {
-  std::size_t sum = sizeof(Transport) + surround.capacity() * sizeof(float);
+  std::size_t sum = sizeof(Transport) + dark.capacity() * sizeof(float);
   for (const Light& light : lights)
-    sum +=
-        light.patches.capacity() * sizeof(Patch) + light.begin.capacity() * sizeof(std::uint32_t);
+    sum += light.patches.size() * sizeof(Patch) + light.begin.capacity() * sizeof(std::uint32_t);
   return sum;
 }
 
@@ -482,7 +571,7 @@ Transport Renderer::trace(const CameraTruth& camera, const Rigid& rig_from_objec
   Transport out;
   out.region = region;
   const auto rows = static_cast<std::size_t>(region.height);
-  if (scene_.ambient > 0) out.surround.assign(rows * static_cast<std::size_t>(region.width), 0);
+  out.dark.assign(rows * static_cast<std::size_t>(region.width), 0);
   const int band_count = (region.height + kTile - 1) / kTile;
   std::vector<Band> bands(static_cast<std::size_t>(band_count));
   tbb::parallel_for(0, band_count, [&](int b) {
@@ -505,7 +594,7 @@ Transport Renderer::trace(const CameraTruth& camera, const Rigid& rig_from_objec
     for (const Band& band : bands)
       for (const auto& row : band.rows) {
         light.begin.push_back(static_cast<std::uint32_t>(light.patches.size()));
-        light.patches.insert(light.patches.end(), row[d].begin(), row[d].end());
+        for (const Patch& patch : row[d]) light.patches.push_back(patch);
       }
     light.begin.push_back(static_cast<std::uint32_t>(light.patches.size()));
   }

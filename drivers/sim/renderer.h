@@ -17,12 +17,13 @@ namespace alhazen::sim {
 /// Immutable once traced.
 struct Transport {
   struct Light {
-    std::vector<Patch> patches;        ///< row by row
+    Patches patches;                   ///< row by row
     std::vector<std::uint32_t> begin;  ///< first patch of each row, and the end
   };
   Region region;
-  std::vector<Light> lights;       ///< per display of the scene
-  std::vector<float> surround;     ///< radiance by the ambient light, row-major; empty: none
+  std::vector<Light> lights;  ///< per display of the scene
+  /// Radiance with all panels black: ambient light and what black panels let through, row-major.
+  std::vector<float> dark;
   std::uint64_t ray_count = 0;     ///< sight lines that were followed, each bounce one
   std::uint64_t uneven_count = 0;  ///< pixels that needed sub-pixel samples
 
@@ -31,10 +32,10 @@ struct Transport {
 
 /// Follows camera sight lines over the mirror to the displays.
 ///
-/// An even pixel (its corners and its middle end on one display after the same bounces, and the map
-/// between is linear to kEvenShare) becomes one patch; the corners are shared with its neighbours.
-/// Any other pixel is sampled samples_across² times, evenly spread.
-/// Scene and shape must outlive it. Thread-safe.
+/// Every pixel's corners are followed (shared with its neighbours). Where none meets a display, the
+/// pixel is dark. An even pixel (its corners and its middle end on one display after the same
+/// bounces, and the map between is linear to kEvenShare) becomes one patch. Any other pixel is
+/// sampled samples_across² times, evenly spread. Scene and shape must outlive it. Thread-safe.
 class Renderer {
  public:
   Renderer(const Scene& scene, const Shape& shape) : scene_(scene), shape_(shape) {}
@@ -46,7 +47,7 @@ class Renderer {
                                 const Region& region) const;
 
   /// Largest deviation from a linear map, as a share of the patch, that counts as even.
-  static constexpr double kEvenShare = 0.1;
+  static constexpr double kEvenShare = 0.2;
 
  private:
   const Scene& scene_;

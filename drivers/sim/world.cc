@@ -23,6 +23,27 @@ double signed_hash(std::uint64_t seed, double angle_rad) {
 
 }  // namespace
 
+std::shared_ptr<std::byte[]> Buffers::take(std::size_t bytes) {
+  std::unique_ptr<std::byte[]> buffer;
+  {
+    const std::lock_guard hold(lock_);
+    if (bytes != bytes_) free_.clear();
+    bytes_ = bytes;
+    if (!free_.empty()) {
+      buffer = std::move(free_.back());
+      free_.pop_back();
+    }
+  }
+  if (!buffer) buffer.reset(new std::byte[bytes]);  // without clearing, unlike make_unique
+  const auto give_back = [pool = shared_from_this(), bytes](std::byte* pixels) {
+    std::unique_ptr<std::byte[]> back(pixels);
+    constexpr std::size_t kMost = 64;
+    const std::lock_guard hold(pool->lock_);
+    if (bytes == pool->bytes_ && pool->free_.size() < kMost) pool->free_.push_back(std::move(back));
+  };
+  return {buffer.release(), give_back};
+}
+
 double TableMotion::Move::motor_rad(Time when) const {
   const double t = std::clamp(seconds(when - begin), 0.0, total_s),
                length = std::abs(to_rad - from_rad);
@@ -111,10 +132,9 @@ World::World(Scene scene, Shape shape)
       table_(scene_.table, scene_.seed),
       faults_(scene_.faults),
       frame_counts_(scene_.cameras.size()) {
-  for (const DisplayTruth& display : scene_.displays) {
+  for (std::size_t i = 0; i < scene_.displays.size(); ++i) {
     // Before anything is shown a panel is on and black, since ever.
-    const auto black = std::make_shared<const Emission>(display.black_share);
-    shown_.push_back({Shown{Time::min(), Time::min(), black}});
+    shown_.push_back({Shown{Time::min(), Time::min(), std::make_shared<const Emission>(0.0)}});
   }
 }
 
@@ -288,34 +308,35 @@ Image World::develop(const Exposure& exposure, const std::vector<Slice>& slices)
   const CameraTruth& camera = scene_.cameras[exposure.camera];
   const auto width = static_cast<std::size_t>(exposure.region.width);
   const std::size_t pixel_bytes = scene_.sensor.bits == 8 ? 1 : 2;
-  const std::shared_ptr<std::byte[]> pixels(
-      new std::byte[width * static_cast<std::size_t>(exposure.region.height) * pixel_bytes]);
-  constexpr int kRowsAtOnce = 32;
-  tbb::parallel_for(tbb::blocked_range<int>(0, exposure.region.height, kRowsAtOnce),
-                    [&](const tbb::blocked_range<int>& rows) {
-                      std::vector<float> radiance(width);
-                      for (int y = rows.begin(); y < rows.end(); ++y) {
-                        const auto row = static_cast<std::size_t>(y);
-                        std::fill(radiance.begin(), radiance.end(), 0.0F);
-                        for (const Slice& slice : slices) {
-                          const Transport& transport = *slice.transport;
-                          if (!transport.surround.empty())
-                            for (std::size_t x = 0; x < width; ++x)
-                              radiance[x] += transport.surround[row * width + x] /
-                                             static_cast<float>(slices.size());
-                          for (const Part& part : slice.parts) {
-                            const Transport::Light& light = transport.lights[part.display];
-                            part.emission->add(light.patches.data() + light.begin[row],
-                                               light.patches.data() + light.begin[row + 1],
-                                               part.weight, radiance.data());
-                          }
-                        }
-                        const auto first_pixel = static_cast<std::uint32_t>(
-                            (exposure.region.y + y) * camera.width_px + exposure.region.x);
-                        sensor.read(radiance.data(), width, first_pixel,
-                                    pixels.get() + row * width * pixel_bytes);
-                      }
-                    });
+  const std::shared_ptr<std::byte[]> pixels =
+      buffers_->take(width * static_cast<std::size_t>(exposure.region.height) * pixel_bytes);
+  // A million pixels are a millisecond or two of work; for less, waking a thread costs more than it
+  // gains, and other cameras' frames are waiting anyway.
+  const int rows_at_once = std::max(1, (1 << 20) / exposure.region.width);
+  tbb::parallel_for(
+      tbb::blocked_range<int>(0, exposure.region.height, static_cast<std::size_t>(rows_at_once)),
+      [&](const tbb::blocked_range<int>& rows) {
+        std::vector<float> radiance(width);
+        for (int y = rows.begin(); y < rows.end(); ++y) {
+          const auto row = static_cast<std::size_t>(y);
+          std::fill(radiance.begin(), radiance.end(), 0.0F);
+          for (const Slice& slice : slices) {
+            const Transport& transport = *slice.transport;
+            const float share = 1.0F / static_cast<float>(slices.size());
+            for (std::size_t x = 0; x < width; ++x)
+              radiance[x] += share * transport.dark[row * width + x];
+            for (const Part& part : slice.parts) {
+              const Transport::Light& light = transport.lights[part.display];
+              part.emission->add(light.patches, light.begin[row], light.begin[row + 1], part.weight,
+                                 radiance.data());
+            }
+          }
+          const auto first_pixel = static_cast<std::uint32_t>(
+              (exposure.region.y + y) * camera.width_px + exposure.region.x);
+          sensor.read(radiance.data(), width, first_pixel,
+                      pixels.get() + row * width * pixel_bytes);
+        }
+      });
   return {exposure.region.width, exposure.region.height,
           pixel_bytes == 1 ? PixelFormat::mono8 : PixelFormat::mono16, scene_.sensor.bits, pixels};
 }
@@ -323,16 +344,14 @@ Image World::develop(const Exposure& exposure, const std::vector<Slice>& slices)
 std::vector<float> World::radiance(std::size_t camera, double angle_rad, const Region& region,
                                    const std::vector<std::shared_ptr<const Emission>>& shown) {
   const auto light = transport(camera, angle_rad, region);
-  const auto width = static_cast<std::size_t>(region.width),
-             height = static_cast<std::size_t>(region.height);
-  std::vector<float> out = light->surround;
-  out.resize(width * height, 0);
-  for (std::size_t display = 0; display < shown.size(); ++display)
-    for (std::size_t y = 0; y < height; ++y)
-      shown[display]->add(
-          light->lights[display].patches.data() + light->lights[display].begin[y],
-          light->lights[display].patches.data() + light->lights[display].begin[y + 1], 1,
-          out.data() + y * width);
+  std::vector<float> out = light->dark;
+  const auto width = static_cast<std::size_t>(region.width);
+  for (std::size_t display = 0; display < shown.size(); ++display) {
+    const Transport::Light& from = light->lights[display];
+    for (std::size_t y = 0; y + 1 < from.begin.size(); ++y)
+      shown[display]->add(from.patches, from.begin[y], from.begin[y + 1], 1,
+                          out.data() + y * width);
+  }
   return out;
 }
 

@@ -62,6 +62,18 @@ class TableMotion {
   std::deque<Move> moves_;
 };
 
+/// Pixel buffers of frames, used again: fresh memory would be cleared by the kernel for each frame,
+/// at the price of rendering it. Thread-safe; lives as long as its last frame.
+class Buffers : public std::enable_shared_from_this<Buffers> {
+ public:
+  [[nodiscard]] std::shared_ptr<std::byte[]> take(std::size_t bytes);
+
+ private:
+  std::mutex lock_;  // guards all below
+  std::size_t bytes_ = 0;
+  std::vector<std::unique_ptr<std::byte[]>> free_;  // each of bytes_
+};
+
 /// What one exposure is taken with.
 struct Exposure {
   std::size_t camera = 0;
@@ -105,8 +117,8 @@ class World {
   ///           end is missing from the time line.
   [[nodiscard]] Image expose(const Exposure& exposure);
 
-  /// The radiance of each pixel of `region` with all displays showing `radiance` uniformly, at a
-  /// resting angle: for pictures of the world and for tests.
+  /// The radiance of each pixel of `region` at a resting angle, with a picture on each display: for
+  /// pictures of the world and for tests.
   [[nodiscard]] std::vector<float> radiance(
       std::size_t camera, double angle_rad, const Region& region,
       const std::vector<std::shared_ptr<const Emission>>& shown);
@@ -172,6 +184,7 @@ class World {
   const Scene scene_;
   const Shape shape_;
   const Renderer renderer_;
+  const std::shared_ptr<Buffers> buffers_ = std::make_shared<Buffers>();
 
   mutable std::mutex lock_;  // guards all below
   TableMotion table_;
