@@ -85,6 +85,24 @@ int main(int argc, char** argv) {
   app.add_flag("--quiet", is_quiet, "no progress");
   std::function<Status(const Run&)> work;
 
+  alhazen::InfoArgs info;
+  auto* info_command =
+      app.add_subcommand("info", "what a scan directory holds and what is missing");
+  info_command->add_option("SCAN", info.scan, "scan directory")->required();
+  info_command->add_flag("--maps", info.has_maps, "load every light map: what its pixels saw");
+  info_command->add_flag("--json", info.as_json, "one JSON object");
+  info_command->callback([&] { work = [&](const Run& r) { return show_scan(info, r); }; });
+
+  alhazen::ReportArgs report;
+  auto* report_command = app.add_subcommand(
+      "report", "write the report again from a scan directory's mesh.ply and report.json");
+  report_command->add_option("SCAN", report.scan, "folder with mesh.ply and report.json")
+      ->required();
+  report_command->add_option("--reference", report.reference,
+                             "the true surface: errors in the report");
+  report_command->add_option("--out", report.out, "folder for the report; SCAN if none");
+  report_command->callback([&] { work = [&](const Run& r) { return report_again(report, r); }; });
+
   alhazen::CompareArgs compare;
   auto* compare_command =
       app.add_subcommand("compare", "measure a mesh against the truth (no alignment)");
