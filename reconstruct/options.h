@@ -59,25 +59,40 @@ struct DepthOptions {
 /// Every tunable of the surface stage.
 struct SurfaceOptions {
   /// Weight of the flux term: E(u) = ∫ g|∇u| − λ ∫ u div(cN). Unit 1, range (0, 100].
-  double lambda = 3.0;
+  double lambda = 12.0;
   /// g = max(g_min, exp(−β c)). Unit 1, range (0, 20].
   double beta = 4.0;
   /// Unit 1, range (0, 1].
   double g_min = 0.02;
   /// The cut stops where its duality gap is at most this share of its surface term. Unit 1, range
   /// (0, 1].
-  double relative_gap = 5e-3;
+  double relative_gap = 0.02;
   /// Range 1 … 100000.
   int max_iterations = 400;
   /// β of the signed distance: how strongly a depth of median weight counts against the slope of
   /// one edge. Depths are averaged over about 1/√β leaves. Unit 1, range (0, 1e6].
-  double data_weight = 0.02;
+  double data_weight = 0.2;
   /// α of the signed distance: pull to the cut where nothing was observed; it acts over about 1/√α
   /// leaves. Unit 1, range (0, 1].
   double cut_weight = 1e-3;
 };
 
+/// How the octree follows the surface.
+struct AdaptOptions {
+  /// The level at which every leaf is voted on first. Range 4 … 8. At the default volume of 102.4
+  /// mm level 7 is 0.8 mm: small enough that a bandwidth fits that tells concavities apart.
+  int start_level = 7;
+  /// Adaptions of the octree to the cut at each level. Range 1 … 10. Three as in the thesis.
+  int adaptions = 3;
+  /// Leaves within so many steps of the cut are of the current level. Range 1 … 20.
+  int band_leaves = 3;
+  /// So are leaves of at least this consistency, and their neighbours, wherever they are. Unit 1,
+  /// range (0, 1].
+  double min_consistency = 0.25;
+};
+
 struct Options {
+  AdaptOptions adapt;
   VoteOptions vote;
   DepthOptions depth;
   SurfaceOptions surface;
