@@ -100,9 +100,8 @@ class Panel {
   Panel(const DisplayTruth& display, int bits) : table_(std::size_t{1} << bits) {
     const double white = static_cast<double>(table_.size() - 1);
     for (std::size_t i = 0; i < table_.size(); ++i)
-      table_[i] = static_cast<float>(display.black_share +
-                                     (1 - display.black_share) *
-                                         std::pow(static_cast<double>(i) / white, display.gamma));
+      table_[i] = static_cast<float>((1 - display.black_share) *
+                                     std::pow(static_cast<double>(i) / white, display.gamma));
   }
   [[nodiscard]] float light(std::size_t value) const {
     return table_[std::min(value, table_.size() - 1)];

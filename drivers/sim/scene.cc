@@ -177,6 +177,9 @@ class Reader {
       if (overrides.object_mesh) object.mesh = *overrides.object_mesh;
       if (overrides.object_size_mm) object.size_mm = *overrides.object_size_mm;
       if (overrides.object_up) object.up = *overrides.object_up;
+      if (object.size_mm != 0 && !(object.size_mm >= kMin && object.size_mm <= kMax))
+        return out_of(file_, "object.size_mm", std::to_string(object.size_mm),
+                      "a number in [1, 1000]");
       static const std::set<std::string> kAxes{"x", "y", "z", "-x", "-y", "-z"};
       if (!kAxes.contains(object.up))
         return out_of(file_, "object.up", "\"" + object.up + "\"", "x, y, z, -x, -y or -z");
