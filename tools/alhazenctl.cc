@@ -52,6 +52,25 @@ void add_common(CLI::App& app, Common& common) {
       ->capture_default_str();
 }
 
+/// What stands behind an option in the help.
+std::string type_name(const Argument& argument) {
+  switch (argument.type) {
+    case Argument::Type::text: return "TEXT";
+    case Argument::Type::id: return "NAME";
+    case Argument::Type::whole:
+    case Argument::Type::number: return "NUMBER";
+    case Argument::Type::flag: return "true|false";
+    case Argument::Type::choice: {
+      std::string words;
+      for (const std::string& word : argument.choices) words += (words.empty() ? "" : "|") + word;
+      return words;
+    }
+    case Argument::Type::list: return type_name(argument.fields.front()) + ",...";
+    case Argument::Type::table: return "JSON";
+  }
+  return "";
+}
+
 void add_verb(CLI::App& group, const Verb& verb, Common& common, std::list<Command>& commands) {
   Command& command = commands.emplace_back();
   command.verb = &verb;
@@ -62,6 +81,7 @@ void add_verb(CLI::App& group, const Verb& verb, Common& common, std::list<Comma
     const bool positional = option.argument->positional;
     CLI::Option* made =
         command.app->add_option((positional ? "" : "--") + option.name(), values, option.help());
+    made->type_name(type_name(*option.argument));
     if (option.is_list())
       made->delimiter(',');
     else
@@ -131,7 +151,9 @@ int complain(const Error& error, bool as_json) {
     std::printf("%s\n", dump({{"error", to_json(error)}}, 2).c_str());
   } else {
     std::fprintf(stderr, "alhazenctl: %s\n", printable(error.text()).c_str());
-    if (const auto hint = hint_of(error.code); !hint.empty())
+    // Of a daemon that cannot be reached, nothing is known about devices.
+    const bool about_daemon = error.code != Code::unavailable && error.code != Code::timeout;
+    if (const auto hint = hint_of(error.code); about_daemon && !hint.empty())
       std::fprintf(stderr, "hint: %s\n", std::string(hint).c_str());
   }
   return exit_code(error.code);

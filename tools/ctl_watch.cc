@@ -187,6 +187,7 @@ Result<int> watch_job(Client& client, const std::string& job, const WatchOptions
     // Events make it quick; asking now and then makes it right, whatever events were lost.
     constexpr milliseconds kAskEvery{1000};
     steady_clock::time_point ask_at;
+    std::string waiting_for;
     while (true) {
       if (interrupted != 0)
         return Error{Code::cancelled,
@@ -210,6 +211,10 @@ Result<int> watch_job(Client& client, const std::string& job, const WatchOptions
       const json reply = ALHAZEN_TRY(client.ask("job.get", args));
       const json& now = reply.at("job");
       if (!options.json) picture.stages(now.at("stages"), now.at("retakes").get<std::uint64_t>());
+      if (const std::string why = now.value("waiting_for", ""); why != waiting_for) {
+        waiting_for = why;
+        if (!why.empty() && !options.json) picture.say("waiting: " + why);
+      }
       const auto state = job_state(now.at("state").get<std::string>());
       if (!state || !is_at_rest(*state)) continue;
       if (options.json)

@@ -184,6 +184,9 @@ json Commands::reply_of(const Job& job) const {
   json made = to_json(job);
   if (job.error) made["error"] = to_json(*job.error);
   if (!job.scan.empty()) made["directory"] = (jobs_.site().scans() / job.scan).string();
+  if (job.state == JobState::queued && job.kind == JobKind::scan && !jobs_.queue_held().empty())
+    made["waiting_for"] = "the queue is stopped: " + jobs_.queue_held() +
+                          "; resume or abort that one, or queue.start";
   return made;
 }
 

@@ -704,7 +704,10 @@ void Jobs::finish_if_over(Entry& entry) {
   if (troubled)
     log_.write(Severity::error,
                "job " + entry.job.id + " is " + std::string(name_of(to)) + ": " + error->text());
-  if (troubled && entry.job.kind == JobKind::scan && on_error_of(entry.job) == "stop") {
+  // A rig that failed would fail the next scan, too; a mesh that could not be made says nothing of
+  // the rig.
+  if (troubled && entry.rig_error && entry.job.kind == JobKind::scan &&
+      on_error_of(entry.job) == "stop") {
     held_by_ = entry.job.id;
     queue_held_ = "job " + held_by_ + " is " + std::string(name_of(to));
   }

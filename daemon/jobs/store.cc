@@ -20,8 +20,8 @@ CREATE TABLE scan (id TEXT PRIMARY KEY, object TEXT NOT NULL, note TEXT NOT NULL
                    operator TEXT NOT NULL, created TEXT NOT NULL, job TEXT NOT NULL,
                    stacks INTEGER NOT NULL, level INTEGER NOT NULL, edge_mm REAL NOT NULL)
                    WITHOUT ROWID;
-CREATE TABLE answer (key TEXT PRIMARY KEY, at INTEGER NOT NULL, request TEXT NOT NULL,
-                     reply TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE answer (number INTEGER PRIMARY KEY, key TEXT NOT NULL UNIQUE, at INTEGER NOT NULL,
+                     request TEXT NOT NULL, reply TEXT NOT NULL);
 CREATE INDEX answer_at ON answer (at);
 )";
 
@@ -291,10 +291,8 @@ Status Store::put_answer(std::string_view key, const StoredAnswer& answer,
           .bind(std::string_view(answer.request))
           .bind(std::string_view(answer.reply))
           .run());
-  return state_
-      ->query(
-          "DELETE FROM answer WHERE key IN (SELECT key FROM answer ORDER BY at DESC, key "
-          "LIMIT -1 OFFSET ?)")
+  // Numbers rise with every answer, so the oldest are found without looking at the others.
+  return state_->query("DELETE FROM answer WHERE number <= (SELECT max(number) FROM answer) - ?")
       .bind(std::int64_t{kMostAnswers})
       .run();
 }
