@@ -55,18 +55,24 @@ void add_common(CLI::App& app, Common& common) {
 /// What stands behind an option in the help.
 std::string type_name(const Argument& argument) {
   switch (argument.type) {
-    case Argument::Type::text: return "TEXT";
-    case Argument::Type::id: return "NAME";
+    case Argument::Type::text:
+      return "TEXT";
+    case Argument::Type::id:
+      return "NAME";
     case Argument::Type::whole:
-    case Argument::Type::number: return "NUMBER";
-    case Argument::Type::flag: return "true|false";
+    case Argument::Type::number:
+      return "NUMBER";
+    case Argument::Type::flag:
+      return "true|false";
     case Argument::Type::choice: {
       std::string words;
       for (const std::string& word : argument.choices) words += (words.empty() ? "" : "|") + word;
       return words;
     }
-    case Argument::Type::list: return type_name(argument.fields.front()) + ",...";
-    case Argument::Type::table: return "JSON";
+    case Argument::Type::list:
+      return type_name(argument.fields.front()) + ",...";
+    case Argument::Type::table:
+      return "JSON";
   }
   return "";
 }

@@ -49,8 +49,8 @@ std::string TestClient::raw(std::string_view bytes) {
 
 void TestClient::send_parts(const std::vector<std::string>& parts) {
   for (std::size_t i = 0; i < parts.size(); ++i)
-    control_.send(zmq::buffer(parts[i]), i + 1 < parts.size() ? zmq::send_flags::sndmore
-                                                              : zmq::send_flags::none);
+    control_.send(zmq::buffer(parts[i]),
+                  i + 1 < parts.size() ? zmq::send_flags::sndmore : zmq::send_flags::none);
 }
 
 Json TestClient::reply(std::string_view verb, const Json& args, const std::string& idem) {
@@ -185,9 +185,7 @@ Status TestDaemon::end() {
   return ended_;
 }
 
-TestClient TestDaemon::client() const {
-  return {site_.control_endpoint(), site_.event_endpoint()};
-}
+TestClient TestDaemon::client() const { return {site_.control_endpoint(), site_.event_endpoint()}; }
 
 Json small_scan(int stops) {
   return {{"object", {{"id", "sphere"}}},

@@ -31,7 +31,8 @@ class TestClient {
   void send_parts(const std::vector<std::string>& parts);
 
   /// A whole reply: has "ok" or "error".
-  Json reply(std::string_view verb, const Json& args = Json::object(), const std::string& idem = {});
+  Json reply(std::string_view verb, const Json& args = Json::object(),
+             const std::string& idem = {});
   /// The `ok` of a reply; fails the test with the error otherwise.
   Json ask(std::string_view verb, const Json& args = Json::object());
 

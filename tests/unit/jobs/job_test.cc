@@ -36,8 +36,7 @@ TEST(JobState, OnlyRunningWorkIsDone) {
 
 TEST(JobState, NamesAreFoundAgain) {
   for (const S state : kAll) EXPECT_EQ(job_state(name_of(state)), state);
-  for (const JobKind kind :
-       {JobKind::scan, JobKind::reconstruct, JobKind::check, JobKind::preview})
+  for (const JobKind kind : {JobKind::scan, JobKind::reconstruct, JobKind::check, JobKind::preview})
     EXPECT_EQ(job_kind(name_of(kind)), kind);
   EXPECT_FALSE(job_state("finished"));
   EXPECT_FALSE(job_kind(""));
