@@ -102,6 +102,40 @@ int main(int argc, char** argv) {
                              "the true surface: errors in the report");
   report_command->add_option("--out", report.out, "folder for the report; SCAN if none");
   report_command->callback([&] { work = [&](const Run& r) { return report_again(report, r); }; });
+  alhazen::DecodeArgs decode;
+  auto* decode_command = app.add_subcommand(
+      "decode",
+      "pictures of Gray code, as listed in a table, to light maps.\n"
+      "Columns of the table, named in its first line: file camera display stop angle_deg\n"
+      "exposure_us kind [gray, white, black] axis [u, v, -] bit [significance, 0 = finest] "
+      "inverted.\n"
+      "Prints one JSON object a light map.");
+  decode_command->add_option("--frames", decode.frames, "the table; files are relative to it")
+      ->required();
+  decode_command->add_option("--out", decode.out, "folder for STOP_DISPLAY_CAMERA.exr")
+      ->default_val("light_maps");
+  decode_command->add_option("--rig", decode.rig, "rig.json: checks names and sizes");
+  decode_command->add_option(
+      "--display-size", decode.display_sizes,
+      "NAME=WxH, for displays not in the rig; else as many as the bits tell apart");
+  decode_command->add_option("--bits", decode.bits,
+                             "significant bits of a pixel, 8 to 16; 0: all that the file has");
+  decode_command
+      ->add_option("--min-contrast", decode.options.min_contrast,
+                   "smallest white - black, share of full scale")
+      ->capture_default_str();
+  decode_command
+      ->add_option("--min-modulation", decode.options.min_modulation,
+                   "smallest |pattern - inverse|, share of white - black")
+      ->capture_default_str();
+  decode_command
+      ->add_option("--noise", decode.options.noise,
+                   "deviation of |pattern - inverse| by noise, share of full scale")
+      ->capture_default_str();
+  decode_command
+      ->add_option("--max-bit", decode.options.max_bit, "coarsest bit that is still a position")
+      ->capture_default_str();
+  decode_command->callback([&] { work = [&](const Run& r) { return decode_frames(decode, r); }; });
 
   alhazen::CompareArgs compare;
   auto* compare_command =

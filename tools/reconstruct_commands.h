@@ -2,8 +2,11 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "alhazen/result.h"
+#include "reconstruct/decode/decoder.h"
 #include "reconstruct/run.h"
 
 namespace alhazen {
@@ -26,6 +29,17 @@ struct ReportArgs {
   std::filesystem::path out;        ///< empty: into the scan directory
 };
 Status report_again(const ReportArgs& args, const Run& run);
+/// alhazen-reconstruct decode
+struct DecodeArgs {
+  std::filesystem::path frames;            ///< frames.csv; its pictures lie relative to it
+  std::filesystem::path rig;               ///< empty: sizes of cameras are not checked
+  std::filesystem::path out;               ///< folder of the light maps
+  std::vector<std::string> display_sizes;  ///< "NAME=WxH", before the rig's
+  int bits = 0;                            ///< significant bits of a pixel, 0: the file's
+  DecodeOptions options;
+};
+/// Prints one JSON object a light map.
+Status decode_frames(const DecodeArgs& args, const Run& run);
 
 /// alhazen-reconstruct compare
 struct CompareArgs {

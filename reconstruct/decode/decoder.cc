@@ -16,8 +16,10 @@
 namespace alhazen {
 namespace {
 
-using decode::kBlock_px;
 using decode::kMaxBits;
+using decode::kPlaneBytes;
+using decode::kPlanesPerBit;
+using decode::kTile_px;
 
 // Differences within so many standard deviations of noise are not believed.
 constexpr double kNoiseSigmas = 3;
@@ -25,9 +27,6 @@ constexpr double kNoiseSigmas = 3;
 // twice the contrast (method: the finest bit that survives a footprint F is F / 3.2 pixels wide);
 // so noise moves the edge by 3.2 / 2 cells · noise / contrast.
 constexpr double kNoiseToCells = 1.6;
-// Results are made in pieces that stay in the cache until they are copied to their lists.
-constexpr std::size_t kChunk_px = 4096;
-
 std::string text_of(const Pattern& pattern) {
   switch (pattern.kind) {
     case PatternKind::white:
@@ -54,7 +53,6 @@ Status in_range(const char* name, double value, double lowest, double highest) {
 struct Pair {
   std::optional<Image> first, second;  ///< white and black, or pattern and inverse
   bool folded = false;
-  std::size_t plane = 0;  ///< offset of sign; resolved follows
 };
 
 }  // namespace
@@ -68,32 +66,31 @@ Status DecodeOptions::is_valid() const {
 }
 
 struct Decoder::State {
-  StackKey key;
-  double angle_rad = 0;
-  Region region;
-  int bits = 0, display_width_px = 0, display_height_px = 0;
-  decode::ContrastRule rule;
-  float noise_cells = 0;
-  std::uint16_t coarsest = 0;
+  LightMap map;  ///< what is known from the start; finish() adds the lists
+  int bits = 0;
+  decode::ContrastRule contrast_rule;
+  decode::FinalRule final_rule;
   std::vector<Pattern> sequence;
 
   std::optional<PixelFormat> format;  ///< of the first frame
-  std::size_t size_px = 0, padded_px = 0;
+  std::size_t tiles = 0;
   Pair contrast_pair;
   std::array<std::array<std::optional<Pair>, kMaxBits>, 2> gray_pairs;  ///< by axis and bit
-  std::vector<float> contrast;
-  std::unique_ptr<std::uint8_t[]> threshold;  ///< padded_px of the frames' format
-  std::unique_ptr<std::uint8_t[]> planes;     ///< saturated, then sign and resolved of each pair
+  /// Of tiles · kTile_px pixels in the frames' format. Raw memory, for all of it is written before
+  /// it is read, and filling it first would cost as much as decoding.
+  std::unique_ptr<std::byte[]> contrast, threshold;
+  std::size_t tile_planes = 0;
+  std::unique_ptr<std::uint8_t[]> planes;  ///< tiles · tile_planes · kPlaneBytes
 
   [[nodiscard]] Pair* pair_of(const Pattern& pattern);
   [[nodiscard]] Status check(const Pattern& pattern, const Image& image) const;
   void fold_contrast();
-  void fold(Pair& pair);
-  template <class Dn, class Kernel>
-  void fold_contrast_as(const Kernel& kernel);
-  template <class Dn, class Kernel>
-  void fold_as(Pair& pair, const Kernel& kernel);
-  [[nodiscard]] decode::AxisPlanes axis_planes(Axis axis) const;
+  void fold(const Pattern& pattern, Pair& pair);
+  template <class Dn, class Work>
+  void for_each_tile(const Pair& pair, const Work& work) const;
+  [[nodiscard]] std::uint8_t* planes_of(std::size_t tile) const {
+    return planes.get() + tile * tile_planes * kPlaneBytes;
+  }
 };
 
 Pair* Decoder::State::pair_of(const Pattern& pattern) {
@@ -107,11 +104,11 @@ Status Decoder::State::check(const Pattern& pattern, const Image& image) const {
   if (std::ranges::find(sequence, pattern) == sequence.end()) {
     return Error{Code::invalid, text_of(pattern) + " is not of the sequence"};
   }
-  if (image.width() != region.width || image.height() != region.height) {
+  if (image.width() != map.region.width || image.height() != map.region.height) {
     return Error{Code::invalid, "a frame of " + std::to_string(image.width()) + " x " +
                                     std::to_string(image.height()) + " px; it must have " +
-                                    std::to_string(region.width) + " x " +
-                                    std::to_string(region.height) + " px"};
+                                    std::to_string(map.region.width) + " x " +
+                                    std::to_string(map.region.height) + " px"};
   }
   if (image.bits() != bits || (format && image.format() != *format) ||
       (image.format() == PixelFormat::mono8 && bits > 8)) {
@@ -123,85 +120,64 @@ Status Decoder::State::check(const Pattern& pattern, const Image& image) const {
   return {};
 }
 
-template <class Dn, class Kernel>
-void Decoder::State::fold_contrast_as(const Kernel& kernel) {
-  const auto* white = reinterpret_cast<const Dn*>(contrast_pair.first->bytes().data());
-  const auto* black = reinterpret_cast<const Dn*>(contrast_pair.second->bytes().data());
-  auto* limit = reinterpret_cast<Dn*>(threshold.get());
-  const std::size_t whole_px = size_px - size_px % kBlock_px;
-  kernel(rule, white, black, whole_px, contrast.data(), limit, planes.get());
-  if (whole_px < size_px) {
-    std::array<Dn, kBlock_px> last_white{}, last_black{};
-    std::copy(white + whole_px, white + size_px, last_white.begin());
-    std::copy(black + whole_px, black + size_px, last_black.begin());
-    kernel(rule, last_white.data(), last_black.data(), kBlock_px, contrast.data() + whole_px,
-           limit + whole_px, planes.get() + whole_px / 8);
+/// Calls work(tile, first, second) with the tile's pixels of both frames; the last tile is padded.
+template <class Dn, class Work>
+void Decoder::State::for_each_tile(const Pair& pair, const Work& work) const {
+  const auto* first = reinterpret_cast<const Dn*>(pair.first->bytes().data());
+  const auto* second = reinterpret_cast<const Dn*>(pair.second->bytes().data());
+  const std::size_t whole = map.size_px() / kTile_px, rest_px = map.size_px() % kTile_px;
+  for (std::size_t tile = 0; tile < whole; ++tile) {
+    work(tile, first + tile * kTile_px, second + tile * kTile_px);
   }
+  if (rest_px == 0) return;
+  std::array<Dn, kTile_px> last_first{}, last_second{};
+  std::copy_n(first + whole * kTile_px, rest_px, last_first.begin());
+  std::copy_n(second + whole * kTile_px, rest_px, last_second.begin());
+  work(whole, last_first.data(), last_second.data());
 }
 
-template <class Dn, class Kernel>
-void Decoder::State::fold_as(Pair& pair, const Kernel& kernel) {
-  const auto* pattern = reinterpret_cast<const Dn*>(pair.first->bytes().data());
-  const auto* inverse = reinterpret_cast<const Dn*>(pair.second->bytes().data());
-  const auto* limit = reinterpret_cast<const Dn*>(threshold.get());
-  std::uint8_t* sign = planes.get() + pair.plane;
-  std::uint8_t* resolved = sign + padded_px / 8;
-  const std::size_t whole_px = size_px - size_px % kBlock_px;
-  kernel(pattern, inverse, limit, whole_px, sign, resolved);
-  if (whole_px < size_px) {
-    std::array<Dn, kBlock_px> last_pattern{}, last_inverse{};
-    std::copy(pattern + whole_px, pattern + size_px, last_pattern.begin());
-    std::copy(inverse + whole_px, inverse + size_px, last_inverse.begin());
-    kernel(last_pattern.data(), last_inverse.data(), limit + whole_px, kBlock_px,
-           sign + whole_px / 8, resolved + whole_px / 8);
-  }
-}
-
-void Decoder::State::fold(Pair& pair) {
+void Decoder::State::fold(const Pattern& pattern, Pair& pair) {
   if (pair.folded || !pair.first || !pair.second || !contrast_pair.folded) return;
-  const decode::Kernels& kernels = decode::scalar_kernels();
+  const decode::Kernels& kernels = decode::vector_kernels();
+  const decode::AxisBits& axis = pattern.axis == Axis::u ? final_rule.u : final_rule.v;
+  const std::size_t plane =
+      axis.first_plane + static_cast<std::size_t>(pattern.bit - axis.lowest) * kPlanesPerBit;
+  const auto fold_as = [&]<class Dn>(Dn, const auto& kernel) {
+    const auto* limit = reinterpret_cast<const Dn*>(threshold.get());
+    for_each_tile<Dn>(pair, [&](std::size_t tile, const Dn* first, const Dn* second) {
+      kernel(first, second, limit + tile * kTile_px, kTile_px,
+             planes_of(tile) + plane * kPlaneBytes);
+    });
+  };
   if (*format == PixelFormat::mono8) {
-    fold_as<std::uint8_t>(pair, kernels.pair8);
+    fold_as(std::uint8_t{}, kernels.pair8);
   } else {
-    fold_as<std::uint16_t>(pair, kernels.pair16);
+    fold_as(std::uint16_t{}, kernels.pair16);
   }
-  pair.first.reset();
-  pair.second.reset();
-  pair.folded = true;
+  pair = {.first = {}, .second = {}, .folded = true};
 }
 
 void Decoder::State::fold_contrast() {
   if (contrast_pair.folded || !contrast_pair.first || !contrast_pair.second) return;
-  const decode::Kernels& kernels = decode::scalar_kernels();
-  contrast.resize(padded_px);
-  threshold.reset(new std::uint8_t[padded_px * bytes_per_pixel(*format)]);
-  std::size_t pairs = 0;
-  for (const auto& axis : gray_pairs) {
-    for (const auto& pair : axis) pairs += pair ? 1U : 0U;
-  }
-  planes.reset(new std::uint8_t[(2 * pairs + 1) * (padded_px / 8)]);
+  const decode::Kernels& kernels = decode::vector_kernels();
+  const std::size_t list_bytes = tiles * kTile_px * bytes_per_pixel(*format);
+  contrast.reset(new std::byte[list_bytes]);
+  threshold.reset(new std::byte[list_bytes]);
+  planes.reset(new std::uint8_t[tiles * tile_planes * kPlaneBytes]);
+  const auto fold_as = [&]<class Dn>(Dn, const auto& kernel) {
+    auto* difference = reinterpret_cast<Dn*>(contrast.get());
+    auto* limit = reinterpret_cast<Dn*>(threshold.get());
+    for_each_tile<Dn>(contrast_pair, [&](std::size_t tile, const Dn* white, const Dn* black) {
+      kernel(contrast_rule, white, black, kTile_px, difference + tile * kTile_px,
+             limit + tile * kTile_px, planes_of(tile) + final_rule.saturated_plane * kPlaneBytes);
+    });
+  };
   if (*format == PixelFormat::mono8) {
-    fold_contrast_as<std::uint8_t>(kernels.contrast8);
+    fold_as(std::uint8_t{}, kernels.contrast8);
   } else {
-    fold_contrast_as<std::uint16_t>(kernels.contrast16);
+    fold_as(std::uint16_t{}, kernels.contrast16);
   }
-  contrast_pair.first.reset();
-  contrast_pair.second.reset();
-  contrast_pair.folded = true;
-}
-
-decode::AxisPlanes Decoder::State::axis_planes(Axis axis) const {
-  const int side_px = axis == Axis::u ? display_width_px : display_height_px;
-  decode::AxisPlanes out;
-  out.bits = gray_bits(side_px);
-  out.last_px = static_cast<std::uint16_t>(side_px - 1);
-  for (std::size_t bit = 0; bit < kMaxBits; ++bit) {
-    const auto& pair = gray_pairs[static_cast<std::size_t>(axis)][bit];
-    if (!pair) continue;
-    out.sign[bit] = planes.get() + pair->plane;
-    out.resolved[bit] = out.sign[bit] + padded_px / 8;
-  }
-  return out;
+  contrast_pair = {.first = {}, .second = {}, .folded = true};
 }
 
 Decoder::Decoder(std::unique_ptr<State> state) noexcept : state_(std::move(state)) {}
@@ -226,14 +202,11 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
   const std::vector<Pattern> all =
       ALHAZEN_TRY(make_sequence(Coding::gray, display_width_px, display_height_px));
   auto state = std::make_unique<State>();
-  state->key = key;
-  state->angle_rad = angle_rad;
-  state->region = region;
+  state->map.key = key;
+  state->map.angle_rad = angle_rad;
+  state->map.region = region;
   state->bits = bits;
-  state->display_width_px = display_width_px;
-  state->display_height_px = display_height_px;
-  state->size_px = static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);
-  state->padded_px = (state->size_px + kBlock_px - 1) / kBlock_px * kBlock_px;
+  state->tiles = (state->map.size_px() + kTile_px - 1) / kTile_px;
   state->sequence.assign(sequence.begin(), sequence.end());
 
   for (auto i = sequence.begin(); i != sequence.end(); ++i) {
@@ -249,15 +222,11 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
       return Error{Code::invalid, text_of(*i) + " is in the sequence twice"};
     }
   }
-  std::size_t plane = state->padded_px / 8;  // behind the plane of saturation
   for (auto i = all.begin(); i != all.end(); ++i) {
     if (std::ranges::find(sequence, *i) != sequence.end()) {
-      if (i->kind == PatternKind::gray && !i->inverted) {
-        auto& pair =
-            state->gray_pairs[static_cast<std::size_t>(i->axis)][static_cast<std::size_t>(i->bit)];
-        pair.emplace();
-        pair->plane = plane;
-        plane += 2 * (state->padded_px / 8);
+      if (i->kind == PatternKind::gray) {
+        state->gray_pairs[static_cast<std::size_t>(i->axis)][static_cast<std::size_t>(i->bit)]
+            .emplace();
       }
       continue;
     }
@@ -273,17 +242,33 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
     }
   }
 
-  const double full_scale = (1 << bits) - 1;
-  state->rule.full_scale = static_cast<std::uint16_t>(full_scale);
-  state->rule.least =
-      static_cast<std::uint16_t>(std::max(1.0, std::ceil(options.min_contrast * full_scale)));
-  state->rule.noise =
-      static_cast<std::uint16_t>(std::lround(kNoiseSigmas * options.noise * full_scale));
-  state->rule.modulation_q16 =
+  state->final_rule.saturated_plane = 0;
+  state->tile_planes = 1;
+  for (const Axis axis : {Axis::u, Axis::v}) {
+    decode::AxisBits& out = axis == Axis::u ? state->final_rule.u : state->final_rule.v;
+    const auto& pairs = state->gray_pairs[static_cast<std::size_t>(axis)];
+    const int side_px = axis == Axis::u ? display_width_px : display_height_px;
+    out.bits = gray_bits(side_px);
+    while (!pairs[static_cast<std::size_t>(out.lowest)]) ++out.lowest;
+    out.last_px = static_cast<std::uint16_t>(side_px - 1);
+    out.first_plane = state->tile_planes;
+    state->tile_planes += static_cast<std::size_t>(out.bits - out.lowest) * kPlanesPerBit;
+  }
+
+  const int full_scale = (1 << bits) - 1;
+  const auto dn = [full_scale](double share) { return share * full_scale; };
+  decode::ContrastRule& contrast_rule = state->contrast_rule;
+  contrast_rule.full_scale = static_cast<std::uint16_t>(full_scale);
+  contrast_rule.least =
+      static_cast<std::uint16_t>(std::max(1.0, std::ceil(dn(options.min_contrast))));
+  contrast_rule.noise = static_cast<std::uint16_t>(std::lround(dn(kNoiseSigmas * options.noise)));
+  contrast_rule.modulation_q16 =
       static_cast<std::uint16_t>(std::lround(options.min_modulation * 65'535));
-  state->rule.per_dn = static_cast<float>(1 / full_scale);
-  state->noise_cells = static_cast<float>(kNoiseToCells * options.noise);
-  state->coarsest = static_cast<std::uint16_t>(1U << static_cast<unsigned>(options.max_bit));
+  state->final_rule.least = contrast_rule.least;
+  state->final_rule.coarsest =
+      static_cast<std::uint16_t>(1U << static_cast<unsigned>(options.max_bit));
+  state->final_rule.per_dn = static_cast<float>(1 / dn(1));
+  state->final_rule.noise_cells_dn = static_cast<float>(dn(kNoiseToCells * options.noise));
   return Decoder(std::move(state));
 }
 
@@ -298,13 +283,11 @@ Status Decoder::add(const Pattern& pattern, const Image& image) {
   state_->format = image.format();
   if (pattern.kind != PatternKind::gray) {
     state_->fold_contrast();
-    for (auto& axis : state_->gray_pairs) {
-      for (auto& waiting : axis) {
-        if (waiting) state_->fold(*waiting);
-      }
+    for (const Pattern& waiting : state_->sequence) {
+      if (waiting.kind == PatternKind::gray) state_->fold(waiting, *state_->pair_of(waiting));
     }
   } else {
-    state_->fold(pair);
+    state_->fold(pattern, pair);
   }
   return {};
 }
@@ -327,52 +310,57 @@ Result<LightMap> Decoder::finish() && {
       return Error{Code::conflict, text_of(pattern) + " is missing"};
     }
   }
-  decode::Final final;
-  final.u = state.axis_planes(Axis::u);
-  final.v = state.axis_planes(Axis::v);
-  final.contrast = state.contrast.data();
-  final.saturated = state.planes.get();
-  // Between the least that decodes and the next lower one: no question of rounding.
-  final.least_contrast = (static_cast<float>(state.rule.least) - 0.5F) * state.rule.per_dn;
-  final.coarsest = state.coarsest;
-  final.noise = state.noise_cells;
-
-  LightMap map;
-  map.key = std::move(state.key);
-  map.angle_rad = state.angle_rad;
-  map.region = state.region;
-  for (auto* list : {&map.u_px, &map.v_px, &map.sigma_u_px, &map.sigma_v_px}) {
-    list->reserve(state.size_px);
+  LightMap map = std::move(state.map);
+  for (auto* list : {&map.u_px, &map.v_px, &map.sigma_u_px, &map.sigma_v_px, &map.contrast}) {
+    list->resize(map.size_px());
   }
-  map.label.reserve(state.size_px);
-  map.bit_u.reserve(state.size_px);
-  map.bit_v.reserve(state.size_px);
-  struct Chunk {
-    std::array<float, kChunk_px> u, v, sigma_u, sigma_v;
-    std::array<Label, kChunk_px> label;
-    std::array<std::uint8_t, kChunk_px> bit_u, bit_v;
+  map.label.resize(map.size_px());
+  map.bit_u.resize(map.size_px());
+  map.bit_v.resize(map.size_px());
+  // Whole tiles go straight to their place, the last one here first.
+  struct alignas(decode::kOutAlignment) Tile {
+    std::array<float, kTile_px> u, v, sigma_u, sigma_v, contrast;
+    std::array<Label, kTile_px> label;
+    std::array<std::uint8_t, kTile_px> bit_u, bit_v;
   };
-  const auto chunk = std::make_unique<Chunk>();
-  const decode::FinalOut out = {chunk->u.data(),       chunk->v.data(),     chunk->sigma_u.data(),
-                                chunk->sigma_v.data(), chunk->label.data(), chunk->bit_u.data(),
-                                chunk->bit_v.data()};
-  const decode::Kernels& kernels = decode::scalar_kernels();
-  for (std::size_t begin = 0; begin < state.size_px; begin += kChunk_px) {
-    kernels.finish(final, begin, std::min(kChunk_px, state.padded_px - begin), out);
-    const std::size_t count = std::min(kChunk_px, state.size_px - begin);
-    const auto append = [count](auto& list, const auto& piece) {
-      list.insert(list.end(), piece.data(), piece.data() + count);
+  const auto last = std::make_unique<Tile>();
+  const decode::Kernels& kernels = decode::vector_kernels();
+  for (std::size_t tile = 0; tile < state.tiles; ++tile) {
+    const std::size_t first_px = tile * kTile_px;
+    const bool is_whole = first_px + kTile_px <= map.size_px();
+    const auto place = [&](auto& list, auto& spare) {
+      return is_whole ? list.data() + first_px : spare.data();
     };
-    append(map.u_px, chunk->u);
-    append(map.v_px, chunk->v);
-    append(map.sigma_u_px, chunk->sigma_u);
-    append(map.sigma_v_px, chunk->sigma_v);
-    append(map.label, chunk->label);
-    append(map.bit_u, chunk->bit_u);
-    append(map.bit_v, chunk->bit_v);
+    const decode::FinalOut out = {place(map.u_px, last->u),
+                                  place(map.v_px, last->v),
+                                  place(map.sigma_u_px, last->sigma_u),
+                                  place(map.sigma_v_px, last->sigma_v),
+                                  place(map.contrast, last->contrast),
+                                  place(map.label, last->label),
+                                  place(map.bit_u, last->bit_u),
+                                  place(map.bit_v, last->bit_v)};
+    const std::byte* contrast = state.contrast.get() + first_px * bytes_per_pixel(*state.format);
+    if (*state.format == PixelFormat::mono8) {
+      kernels.finish8(state.final_rule, state.planes_of(tile),
+                      reinterpret_cast<const std::uint8_t*>(contrast), out);
+    } else {
+      kernels.finish16(state.final_rule, state.planes_of(tile),
+                       reinterpret_cast<const std::uint16_t*>(contrast), out);
+    }
+    if (is_whole) continue;
+    const auto copy = [&](const auto& from, auto& to) {
+      std::copy_n(from.begin(), map.size_px() - first_px,
+                  to.begin() + static_cast<std::ptrdiff_t>(first_px));
+    };
+    copy(last->u, map.u_px);
+    copy(last->v, map.v_px);
+    copy(last->sigma_u, map.sigma_u_px);
+    copy(last->sigma_v, map.sigma_v_px);
+    copy(last->contrast, map.contrast);
+    copy(last->label, map.label);
+    copy(last->bit_u, map.bit_u);
+    copy(last->bit_v, map.bit_v);
   }
-  state.contrast.resize(state.size_px);
-  map.contrast = std::move(state.contrast);
   return map;
 }
 

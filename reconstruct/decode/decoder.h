@@ -14,11 +14,10 @@ namespace alhazen {
 struct DecodeOptions {
   /// A pixel carries a position only where white − black is at least this share of full scale.
   /// Unit 1, range (0, 1).
-  double min_contrast = 0.02;
+  double min_contrast = 0.08;
   /// A bit is resolved where |pattern − inverse| > min_modulation · (white − black): below it the
-  /// footprint of the pixel on the display covers both values. It must exceed the side lobe of a
-  /// box-shaped footprint, 0.217, where a bit that is too fine comes back with the wrong sign.
-  /// Unit 1, range (0, 1).
+  /// footprint of the pixel on the display covers both values. At ¼ the finest bit that a footprint
+  /// F resolves is F / 3.2 wide. Unit 1, range (0, 1).
   double min_modulation = 0.25;
   /// Standard deviation of |pattern − inverse| by the camera's noise, as a share of full scale. No
   /// bit is resolved within three of them. Unit 1, range [0, 0.1]. 0.004 is one of 255.
@@ -34,7 +33,7 @@ struct DecodeOptions {
 /// Folds the frames of one stack (camera × display × stop) into a light map as they arrive.
 /// Thread-bound.
 ///
-/// Memory: per pixel 4 bytes of contrast, 1 or 2 of threshold, 2 bits a pattern pair. Frames are
+/// Memory: per pixel 4 bytes of contrast, 1 or 2 of threshold, 3 bits a pattern pair. Frames are
 /// not kept but for these: the first of a pair until the second is there, and all frames that come
 /// before white and black; so show white and black first, and each pattern next to its inverse.
 /// The result does not depend on the order.

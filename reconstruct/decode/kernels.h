@@ -8,9 +8,11 @@
 
 namespace alhazen::decode {
 
-/// Pixels are folded in blocks, so that every bit plane's block begins on a byte and every vector
-/// unit's lanes divide it. The lists of a decoder are padded to it.
-inline constexpr std::size_t kBlock_px = 64;
+/// A decoder's state lies in tiles of so many pixels: what finishing needs of one tile is together
+/// and fits the first cache. Frames are folded tile by tile; the last one is padded.
+inline constexpr std::size_t kTile_px = 4096;
+/// Bit i % 8 of byte i / 8 of a plane belongs to pixel i of its tile.
+inline constexpr std::size_t kPlaneBytes = kTile_px / 8;
 
 /// Most bits of an axis: displays have at most 2^14 px a side.
 inline constexpr int kMaxBits = 14;
@@ -21,57 +23,89 @@ struct ContrastRule {
   std::uint16_t least = 1;           ///< smallest contrast of a pixel that decodes, ≥ 1
   std::uint16_t noise = 0;           ///< no difference up to this is resolved
   std::uint16_t modulation_q16 = 0;  ///< min_modulation · 2^16
-  float per_dn = 1.0F / 255;         ///< 1 / full scale
 };
 
-/// The planes of one axis: bit i % 8 of byte i / 8 belongs to pixel i.
-struct AxisPlanes {
-  /// By significance; nothing where a bit is not of the sequence.
-  std::array<const std::uint8_t*, kMaxBits> sign{}, resolved{};
-  int bits = 0;               ///< significances are 0 … bits − 1
-  std::uint16_t last_px = 0;  ///< the display's last column or row
+/// What the pairs of one axis said, in three planes of the tile a bit, the finest shown bit first.
+/// The first, sign: the pattern is brighter than its inverse. The other two, clear and strong, say
+/// how far apart they are:
+///   0 0  unresolved: the pixel's footprint covers as much of one as of the other
+///   0 1  weak: unresolved, but farther than a quarter of a cell from the edge (kWeak)
+///   1 0  resolved: beyond the threshold
+///   1 1  strong: beyond twice the threshold
+///
+/// Why strong: let a pixel's footprint on the display be a box of width F. A bit's modulation
+/// |pattern − inverse| / (white − black) at distance x from its edge is at most 2x / F. The edges
+/// of bit b lie at odd multiples of its cell, 2^b px, those of all coarser bits at even ones, so
+/// every place is within a cell of a coarser bit's edge. Where all coarser bits are strong, beyond
+/// ½ with the default threshold of ¼, x > F / 4 for each of them, hence F < 4 cells. There bit b's
+/// sign is right (beyond 4 cells it would come back inverted), and if it is unresolved, the place
+/// is within 0.4 cells of its edge: near F = 4 because x > F / 4 leaves no more, below F = 3.2
+/// because 2 · 0.4 / 3.2 = ¼.
+///
+/// Side lobe: with 5.3 to 6.4 cells in the footprint a bit that is too fine seems resolved,
+/// inverted, within F / 25 of its stripes' centres. These are edges of coarser bits, one of which
+/// is unresolved then; the finer bits must read 10…0 there, and read so but for the finest.
+struct AxisBits {
+  std::size_t first_plane = 0;  ///< sign of the finest shown bit; three a bit follow
+  int lowest = 0, bits = 0;     ///< significances lowest … bits − 1 are shown
+  std::uint16_t last_px = 0;    ///< the display's last column or row
+};
+inline constexpr std::size_t kPlanesPerBit = 3;
+
+/// Of a threshold: where a pixel with the largest footprint that resolves a bit, F = 3.2 cells, is
+/// a quarter of a cell from the edge, so that the edge and the cell's centre are equally good
+/// guesses of where it is: modulation 2 · ¼ / 3.2 = 0.156 = ⅝ · ¼, ¼ being the default threshold.
+[[nodiscard]] constexpr int weak_threshold(int threshold) noexcept {
+  const auto rounded_mean = [](int a, int b) { return (a + b + 1) / 2; };
+  return rounded_mean(threshold, rounded_mean(rounded_mean(threshold, 0), 0));
+}
+
+/// How planes become positions.
+struct FinalRule {
+  AxisBits u, v;
+  std::size_t saturated_plane = 0;
+  std::uint16_t least = 1;     ///< as ContrastRule
+  std::uint16_t coarsest = 0;  ///< 2^max_bit
+  float per_dn = 1.0F / 255;   ///< 1 / full scale
+  float noise_cells_dn = 0;  ///< standard deviation of a position by noise · contrast, cells · DN
 };
 
-/// What is left to do when every frame was folded in.
-struct Final {
-  AxisPlanes u, v;
-  const float* contrast = nullptr;
-  const std::uint8_t* saturated = nullptr;  ///< plane
-  float least_contrast = 0;                 ///< of a pixel that decodes
-  std::uint16_t coarsest = 0;               ///< 2^max_bit
-  float noise = 0;                          ///< standard deviation of a position, cells · contrast
-};
-
-/// Where the results of pixel `begin` … `begin + count − 1` go; lists begin with pixel `begin`.
+/// Where the results of one tile go: kTile_px elements each, aligned so that they can bypass the
+/// caches.
+inline constexpr std::size_t kOutAlignment = 64;
 struct FinalOut {
-  float *u_px, *v_px, *sigma_u_px, *sigma_v_px;
+  float *u_px, *v_px, *sigma_u_px, *sigma_v_px, *contrast;
   Label* label;
   std::uint8_t *bit_u, *bit_v;
 };
 
-/// Variance of a uniform distribution over one cell, in cells².
-inline constexpr float kCellVariance = 1.0F / 12;
+/// Standard deviation of a uniform distribution over one cell, in cells.
+inline constexpr float kCellSigma = 0.288675135F;
+/// √(a² + x²) ≈ a + x² / 2a with a = kCellSigma: to 1 % where x < a / 2, and noise is less wherever
+/// it leaves a bit resolved.
+inline constexpr float kNoiseSquareToSigma = 0.5F / kCellSigma;
 
-/// The loops over pixels; `count` is a multiple of kBlock_px. Two sets exist, equal bit for bit.
-/// Reentrant.
+/// The loops over the pixels of one tile; `count` is at most kTile_px and a multiple of 64. Two
+/// sets exist, equal bit for bit. Reentrant.
 struct Kernels {
-  /// contrast ← (white − black) / full scale; threshold ← what a difference must exceed to be
+  /// contrast ← white − black, 0 where negative; threshold ← what a difference must exceed to be
   /// resolved, all ones where contrast is too low; saturated ← white is at full scale.
   void (*contrast8)(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-                    std::size_t count, float* contrast, std::uint8_t* threshold,
+                    std::size_t count, std::uint8_t* contrast, std::uint8_t* threshold,
                     std::uint8_t* saturated);
   void (*contrast16)(const ContrastRule& rule, const std::uint16_t* white,
-                     const std::uint16_t* black, std::size_t count, float* contrast,
+                     const std::uint16_t* black, std::size_t count, std::uint16_t* contrast,
                      std::uint16_t* threshold, std::uint8_t* saturated);
-  /// sign ← pattern > inverse; resolved ← |pattern − inverse| > threshold.
+  /// One pair into its three planes, AxisBits; clear and strong follow sign.
   void (*pair8)(const std::uint8_t* pattern, const std::uint8_t* inverse,
-                const std::uint8_t* threshold, std::size_t count, std::uint8_t* sign,
-                std::uint8_t* resolved);
+                const std::uint8_t* threshold, std::size_t count, std::uint8_t* sign);
   void (*pair16)(const std::uint16_t* pattern, const std::uint16_t* inverse,
-                 const std::uint16_t* threshold, std::size_t count, std::uint8_t* sign,
-                 std::uint8_t* resolved);
-  /// Planes → positions. `begin` is a multiple of kBlock_px.
-  void (*finish)(const Final& state, std::size_t begin, std::size_t count, const FinalOut& out);
+                 const std::uint16_t* threshold, std::size_t count, std::uint8_t* sign);
+  /// One tile's planes and contrast → positions.
+  void (*finish8)(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast,
+                  const FinalOut& out);
+  void (*finish16)(const FinalRule& rule, const std::uint8_t* planes, const std::uint16_t* contrast,
+                   const FinalOut& out);
 };
 
 /// One pixel after the other, as plain as can be: the reference.

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
 #include "reconstruct/decode/kernels.h"
@@ -10,9 +11,9 @@ namespace alhazen::decode {
 namespace {
 
 void set_bit(std::uint8_t* plane, std::size_t pixel, bool value) {
-  const auto bit = static_cast<std::uint8_t>(1U << (pixel % 8));
-  plane[pixel / 8] = static_cast<std::uint8_t>(
-      value ? plane[pixel / 8] | bit : plane[pixel / 8] & static_cast<std::uint8_t>(~bit));
+  const std::uint32_t bit = 1U << (pixel % 8);
+  plane[pixel / 8] =
+      static_cast<std::uint8_t>(value ? plane[pixel / 8] | bit : plane[pixel / 8] & ~bit);
 }
 
 bool get_bit(const std::uint8_t* plane, std::size_t pixel) {
@@ -21,80 +22,107 @@ bool get_bit(const std::uint8_t* plane, std::size_t pixel) {
 
 template <class Dn>
 void contrast(const ContrastRule& rule, const Dn* white, const Dn* black, std::size_t count,
-              float* contrast_out, Dn* threshold, std::uint8_t* saturated) {
+              Dn* contrast_out, Dn* threshold, std::uint8_t* saturated) {
   for (std::size_t i = 0; i < count; ++i) {
-    const int difference = int{white[i]} - int{black[i]};
-    contrast_out[i] = static_cast<float>(difference) * rule.per_dn;
-    const std::uint32_t share =
-        (static_cast<std::uint32_t>(std::max(difference, 0)) * rule.modulation_q16) >> 16;
-    threshold[i] = difference < rule.least
-                       ? std::numeric_limits<Dn>::max()
-                       : static_cast<Dn>(std::max<std::uint32_t>(share, rule.noise));
+    const Dn difference = white[i] > black[i] ? static_cast<Dn>(white[i] - black[i]) : Dn{0};
+    const std::uint32_t share = (std::uint32_t{difference} * rule.modulation_q16) >> 16;
+    contrast_out[i] = difference;
+    threshold[i] = difference >= rule.least
+                       ? static_cast<Dn>(std::max<std::uint32_t>(share, rule.noise))
+                       : std::numeric_limits<Dn>::max();
     set_bit(saturated, i, white[i] >= rule.full_scale);
   }
 }
 
 template <class Dn>
 void pair(const Dn* pattern, const Dn* inverse, const Dn* threshold, std::size_t count,
-          std::uint8_t* sign, std::uint8_t* resolved) {
+          std::uint8_t* sign) {
   for (std::size_t i = 0; i < count; ++i) {
+    const int difference = std::abs(int{pattern[i]} - int{inverse[i]});
+    const bool is_clear = difference > threshold[i];
     set_bit(sign, i, pattern[i] > inverse[i]);
-    set_bit(resolved, i, std::abs(int{pattern[i]} - int{inverse[i]}) > threshold[i]);
+    set_bit(sign + kPlaneBytes, i, is_clear);
+    set_bit(sign + 2 * kPlaneBytes, i,
+            difference > (is_clear ? 2 * int{threshold[i]} : weak_threshold(threshold[i])));
   }
 }
 
-/// The cell of the display that one axis's bits name.
-struct Cell {
+/// The place on the display that one axis's bits name.
+struct Place {
   bool agrees = false;
   int bit = 0;          ///< the finest resolved one; the number of bits where none is
   float centre_px = 0;  ///< where it agrees
+  float width_px = 0;   ///< of the interval that it lies in, where it agrees
 };
 
-Cell read_cell(const AxisPlanes& axis, std::size_t pixel, std::uint32_t coarsest) {
-  std::uint32_t sign = 0, resolved = 0;
-  for (int bit = 0; bit < axis.bits; ++bit) {
-    const auto i = static_cast<std::size_t>(bit);
-    if (axis.sign[i] == nullptr) continue;
-    sign |= static_cast<std::uint32_t>(get_bit(axis.sign[i], pixel)) << bit;
-    resolved |= static_cast<std::uint32_t>(get_bit(axis.resolved[i], pixel)) << bit;
-  }
-  if (resolved == 0) return {false, axis.bits, 0};
-  Cell cell;
-  cell.bit = std::countr_zero(resolved);
-  const std::uint32_t below = (1U << cell.bit) - 1;
-  const std::uint32_t gray = sign & ~below;
-  // A bit above the finest resolved one has no contrast only where the pixel lies on its edge.
-  // There the finer bits read 10…0 on both sides, so whatever its sign, the cell is one of the two
-  // neighbours. Anything else is a mixture of places.
-  const std::uint32_t unresolved = ~resolved & ~below & ((1U << axis.bits) - 1);
-  const bool on_edge =
-      std::has_single_bit(unresolved) && (gray & (unresolved - 1)) == (unresolved >> 1);
-  const std::uint32_t first_px = binary_from_gray(gray) & ~below;
-  cell.agrees =
-      (unresolved == 0 || on_edge) && first_px <= axis.last_px && (1U << cell.bit) <= coarsest;
-  const std::uint32_t last_px = std::min<std::uint32_t>(first_px | below, axis.last_px);
-  cell.centre_px = 0.5F * static_cast<float>(first_px + last_px);
-  return cell;
+/// Takes back the finest resolved bit where it came back inverted, AxisBits.
+std::uint32_t without_side_lobe(std::uint32_t sign, std::uint32_t clear, std::uint32_t shown) {
+  const std::uint32_t finest = clear & (0U - clear);
+  const std::uint32_t unresolved = shown & ~clear & ~(finest - 1);
+  const bool is_inverted =
+      std::has_single_bit(unresolved) &&
+      (sign & ~(finest - 1) & (unresolved - 1)) == ((unresolved >> 1) ^ finest);
+  return is_inverted ? clear & (clear - 1) : clear;
 }
 
-void finish(const Final& state, std::size_t begin, std::size_t count, const FinalOut& out) {
+Place read_place(const AxisBits& axis, const std::uint8_t* planes, std::size_t pixel,
+                 std::uint32_t coarsest) {
+  std::uint32_t sign = 0, clear = 0, strong = 0, shown = 0;
+  const std::uint8_t* plane = planes + axis.first_plane * kPlaneBytes;
+  for (int bit = axis.lowest; bit < axis.bits; ++bit, plane += kPlanesPerBit * kPlaneBytes) {
+    shown |= 1U << bit;
+    sign |= static_cast<std::uint32_t>(get_bit(plane, pixel)) << bit;
+    clear |= static_cast<std::uint32_t>(get_bit(plane + kPlaneBytes, pixel)) << bit;
+    strong |= static_cast<std::uint32_t>(get_bit(plane + 2 * kPlaneBytes, pixel)) << bit;
+  }
+  clear = without_side_lobe(sign, clear, shown);
+  if (clear == 0) return {false, axis.bits, 0, 0};
+  const std::uint32_t finest = clear & (0U - clear);
+  const std::uint32_t coarser = shown & ~(finest - 1);
+  // The next finer bit lies on its edge where all others are strong: AxisBits.
+  const std::uint32_t next = (clear & strong) == coarser ? (finest >> 1) & shown : 0;
+  const bool has_sign = (next & strong) != 0;
+  const std::uint32_t cell = has_sign ? next : finest;
+
+  const std::uint32_t below = cell - 1;
+  const std::uint32_t gray = sign & ~below;
+  // Any other bit is unresolved only where the pixel lies on its edge. There the finer bits read
+  // 10…0 on both sides, so whatever its sign, the cell is one of the two neighbours. Anything else
+  // is a mixture of places.
+  const std::uint32_t unresolved = coarser & ~clear;
+  const bool is_neighbour =
+      (unresolved & (unresolved - 1)) == 0 && (gray & (unresolved - 1)) == (unresolved >> 1);
+  const std::uint32_t first_px = binary_from_gray(gray) & ~below;
+  const std::uint32_t last_px = std::min<std::uint32_t>(first_px | below, axis.last_px);
+  Place place;
+  place.bit = std::countr_zero(cell);
+  place.agrees = (unresolved == 0 || is_neighbour) && first_px <= axis.last_px && cell <= coarsest;
+  place.centre_px = 0.5F * static_cast<float>(first_px + last_px);
+  // On an edge the cell's centre is that edge, and it is at most a quarter of a finer cell away.
+  place.width_px = 0.5F * static_cast<float>(next != 0 && !has_sign ? next : 2 * cell);
+  return place;
+}
+
+template <class Dn>
+void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
+            const FinalOut& out) {
   constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
-  for (std::size_t i = 0; i < count; ++i) {
-    const std::size_t pixel = begin + i;
-    const Cell u = read_cell(state.u, pixel, state.coarsest);
-    const Cell v = read_cell(state.v, pixel, state.coarsest);
-    const bool has_contrast = state.contrast[pixel] >= state.least_contrast;
-    const bool is_position = has_contrast && u.agrees && v.agrees;
-    const float shift = state.noise / state.contrast[pixel];
-    const float sigma_cells = std::sqrt(kCellVariance + shift * shift);
+  for (std::size_t i = 0; i < kTile_px; ++i) {
+    const Place u = read_place(rule.u, planes, i, rule.coarsest);
+    const Place v = read_place(rule.v, planes, i, rule.coarsest);
+    const bool is_enough = contrast_dn[i] >= rule.least;
+    const bool is_position = is_enough && u.agrees && v.agrees;
+    const float shift = rule.noise_cells_dn / static_cast<float>(contrast_dn[i]);
+    const float sigma_cells = kCellSigma + shift * shift * kNoiseSquareToSigma;
     out.u_px[i] = is_position ? u.centre_px : kNothing;
     out.v_px[i] = is_position ? v.centre_px : kNothing;
-    out.sigma_u_px[i] = is_position ? static_cast<float>(1U << u.bit) * sigma_cells : kNothing;
-    out.sigma_v_px[i] = is_position ? static_cast<float>(1U << v.bit) * sigma_cells : kNothing;
-    out.label[i] = is_position                       ? Label::mirror
-                   : get_bit(state.saturated, pixel) ? Label::saturated
-                   : has_contrast                    ? Label::mixed
-                                                     : Label::none;
+    out.sigma_u_px[i] = is_position ? u.width_px * sigma_cells : kNothing;
+    out.sigma_v_px[i] = is_position ? v.width_px * sigma_cells : kNothing;
+    out.contrast[i] = static_cast<float>(contrast_dn[i]) * rule.per_dn;
+    out.label[i] = is_position                                               ? Label::mirror
+                   : get_bit(planes + rule.saturated_plane * kPlaneBytes, i) ? Label::saturated
+                   : is_enough                                               ? Label::mixed
+                                                                             : Label::none;
     out.bit_u[i] = static_cast<std::uint8_t>(u.bit);
     out.bit_v[i] = static_cast<std::uint8_t>(v.bit);
   }
@@ -104,7 +132,8 @@ void finish(const Final& state, std::size_t begin, std::size_t count, const Fina
 
 const Kernels& scalar_kernels() {
   static constexpr Kernels kKernels = {contrast<std::uint8_t>, contrast<std::uint16_t>,
-                                       pair<std::uint8_t>, pair<std::uint16_t>, finish};
+                                       pair<std::uint8_t>,     pair<std::uint16_t>,
+                                       finish<std::uint8_t>,   finish<std::uint16_t>};
   return kKernels;
 }
 

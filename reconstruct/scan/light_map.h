@@ -1,7 +1,11 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <new>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "alhazen/image.h"
@@ -26,6 +30,36 @@ struct StackKey {
   friend auto operator<=>(const StackKey&, const StackKey&) = default;
 };
 
+/// Memory of a light map's lists: aligned for any vector unit, and resize(n) leaves new elements as
+/// they are, for filling the lists of a large sensor twice takes as long as decoding it. Use
+/// resize(n, value) or assign(n, value) for lists that are not written as a whole.
+template <class T>
+struct PixelAllocator {
+  static_assert(std::is_trivially_copyable_v<T>);
+  using value_type = T;
+  static constexpr std::align_val_t kAlignment{64};
+
+  PixelAllocator() = default;
+  template <class Other>
+  PixelAllocator(const PixelAllocator<Other>& /*other*/) noexcept {
+  }  // NOLINT(google-explicit-constructor): allocators convert
+  [[nodiscard]] T* allocate(std::size_t count) {
+    return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
+  }
+  void deallocate(T* list, std::size_t /*count*/) noexcept { ::operator delete(list, kAlignment); }
+  template <class Other, class... Arguments>
+  void construct(Other* place, Arguments&&... arguments) {
+    if constexpr (sizeof...(Arguments) == 0) {
+      ::new (static_cast<void*>(place)) Other;
+    } else {
+      ::new (static_cast<void*>(place)) Other(std::forward<Arguments>(arguments)...);
+    }
+  }
+  friend bool operator==(const PixelAllocator&, const PixelAllocator&) noexcept { return true; }
+};
+template <class T>
+using PixelList = std::vector<T, PixelAllocator<T>>;
+
 /// Per camera pixel, the display position whose light arrives there.
 ///
 /// Thread: reentrant. Immutable after decoding.
@@ -39,11 +73,11 @@ struct LightMap {
   StackKey key;
   double angle_rad = 0;  ///< measured angle of the turntable
   Region region;         ///< where in the camera's sensor the lists lie
-  std::vector<float> u_px, v_px;
-  std::vector<float> sigma_u_px, sigma_v_px;  ///< standard deviations of u and v
-  std::vector<float> contrast;                ///< (white − black) / full scale, −1 … 1
-  std::vector<Label> label;
-  std::vector<std::uint8_t> bit_u, bit_v;  ///< finest Gray bit that was resolved, 0 = finest
+  PixelList<float> u_px, v_px;
+  PixelList<float> sigma_u_px, sigma_v_px;  ///< standard deviations of u and v
+  PixelList<float> contrast;                ///< (white − black) / full scale, 0 … 1
+  PixelList<Label> label;
+  PixelList<std::uint8_t> bit_u, bit_v;  ///< finest Gray bit that was resolved, 0 = finest
 
   [[nodiscard]] std::size_t size_px() const noexcept {
     return static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);

@@ -42,7 +42,7 @@ constexpr int kMaxBit = 14;  // one beyond the finest bit of the largest display
 
 struct FloatChannel {
   const char* name;
-  std::vector<float> LightMap::*list;
+  PixelList<float> LightMap::*list;
 };
 constexpr std::array<FloatChannel, 5> kFloats = {{{"u", &LightMap::u_px},
                                                   {"v", &LightMap::v_px},
@@ -319,6 +319,12 @@ Status check_values(const LightMap& map) {
 }
 
 }  // namespace
+
+std::string light_map_name(const StackKey& key) {
+  std::array<char, 16> stop{};
+  std::snprintf(stop.data(), stop.size(), "%03d", key.stop);
+  return std::string(stop.data()) + "_" + key.display + "_" + key.camera + ".exr";
+}
 
 Status write_light_map(const LightMap& map, const std::filesystem::path& file) {
   const Region& region = map.region;

@@ -1,12 +1,16 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <string_view>
 
 #include "alhazen/result.h"
 #include "reconstruct/scan/light_map.h"
 
 namespace alhazen {
+
+/// "003_north_left.exr": stop, display, camera.
+[[nodiscard]] std::string light_map_name(const StackKey& key);
 
 /// OpenEXR, uncompressed, data window = region of interest; FLOAT u v sigma_u_px sigma_v_px
 /// contrast, UINT label bit_u bit_v; attributes stop, display, camera, angle_rad, xxh3_64 (over the

@@ -24,10 +24,6 @@ std::string three_digits(int number) {
   return text.data();
 }
 
-std::string light_map_name(const StackKey& key) {
-  return three_digits(key.stop) + "_" + key.display + "_" + key.camera + ".exr";
-}
-
 }  // namespace
 
 Result<Scan> Scan::create(const fs::path& directory, Manifest manifest, Rig rig) {
