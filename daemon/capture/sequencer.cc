@@ -263,7 +263,10 @@ Status Sequencer::collect(const Step& step, int number, Time deadline, std::vect
       if (frame) {
         const auto bytes = frame->image.bytes();
         Shot shot{one.camera, std::move(*frame), XXH3_64bits(bytes.data(), bytes.size()), number};
-        one.cause = camera.freshness.judge(shot.frame, shot.checksum, pattern, one.triggered);
+        if (shot.frame.settings.region != camera.settings.region)
+          one.cause = Error{Code::corrupt, "a frame of another region than was set"};
+        else
+          one.cause = camera.freshness.judge(shot.frame, shot.checksum, pattern, one.triggered);
         (one.cause ? set.refused : set.shots).push_back(std::move(shot));
       } else {
         one.cause = frame.error();
@@ -297,7 +300,7 @@ Status Sequencer::go_to(int stop) {
   };
   if (!at_rad_ || *at_rad_ >= wanted) {
     at_rad_.reset();
-    ALHAZEN_TRY(turn(wanted - kRunUpRad));
+    measured_rad_ = ALHAZEN_TRY(turn(wanted - kRunUpRad));
   }
   at_rad_.reset();
   measured_rad_ = ALHAZEN_TRY(turn(wanted));
