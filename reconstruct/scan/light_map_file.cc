@@ -374,10 +374,10 @@ Result<LightMap> parse_light_map(std::string_view bytes) {
     const std::string wanted =
         ALHAZEN_TRY(attribute<Imf::StringAttribute>(file.header(), "xxh3_64"));
     ALHAZEN_TRY(read_pixels(file, map));
+    ALHAZEN_TRY(check_values(map));
     if (checksum(map) != wanted) {
       return Error{Code::corrupt, "attribute 'xxh3_64' does not agree with the content"};
     }
-    ALHAZEN_TRY(check_values(map));
     return map;
   });
 }
