@@ -116,7 +116,7 @@ TEST(Contour, TorusAndTwoBallsHaveTheirTopology) {
 
 // The strong one: whatever the signs, also at level transitions and at the volume's boundary.
 TEST(Contour, NoiseGivesAClosedManifoldMesh) {
-  for (unsigned seed = 0; seed < 40; ++seed) {
+  for (unsigned seed = 0; seed < 20; ++seed) {
     std::mt19937 random(seed);
     std::uniform_real_distribution<float> uniform(-1, 1);
     Octree octree = Octree::uniform(kVolume, 2);

@@ -22,7 +22,7 @@ constexpr double kPi = std::numbers::pi;
 Octree random_octree(unsigned seed) {
   std::mt19937 random(seed);
   Octree octree = Octree::uniform(kVolume, 2);
-  for (int level = 3; level <= 5; ++level) {
+  for (int level = 3; level <= 4; ++level) {
     std::vector<std::uint8_t> target(octree.size());
     for (std::size_t i = 0; i < octree.size(); ++i)
       target[i] = static_cast<std::uint8_t>(random() % 3 == 0 ? level : 2);
@@ -148,13 +148,15 @@ Energies energy_of(const Octree& octree, const NormalField& field,
 TEST(MinCut, FindsTheSphereAndTheTorusOfAKnownFlux) {
   struct Case {
     scene::Distance distance;
-    double volume;
+    double volume_mm3, curvature_mm;  ///< curvature: 2 ∫ H dA
   };
-  for (const Case& c : {Case{scene::sphere(20.3), 4 * kPi / 3 * std::pow(20.3, 3)},
-                        Case{scene::torus(18.2, 7.1), 2 * kPi * kPi * 18.2 * 7.1 * 7.1}}) {
-    const Octree octree = scene::refined_near(c.distance, 3, 6, 4);  // finest leaves of 1 mm
+  constexpr double kSigma_mm = 1.6;
+  for (const Case& c :
+       {Case{scene::sphere(20.3), 4 * kPi / 3 * std::pow(20.3, 3), 8 * kPi * 20.3},
+        Case{scene::torus(18.2, 7.1), 2 * kPi * kPi * 18.2 * 7.1 * 7.1, 4 * kPi * kPi * 18.2}}) {
+    const Octree octree = scene::refined_near(c.distance, 3, 5, 3);  // finest leaves of 2 mm
     const auto faces = octree.faces();
-    const NormalField field = scene::field(octree, c.distance, 0.8, 0.2);
+    const NormalField field = scene::field(octree, c.distance, kSigma_mm, 0.2);
     const std::vector<float> divergence = flux_divergence(octree, faces, field);
     SurfaceOptions options;
     options.relative_gap = 1e-3;
@@ -165,9 +167,11 @@ TEST(MinCut, FindsTheSphereAndTheTorusOfAKnownFlux) {
     EXPECT_NEAR(cut->energy, energies.primal, 1e-5 * std::abs(energies.primal));
     EXPECT_GE(cut->gap, 0);
     EXPECT_LE(cut->gap, 1e-3 * energies.surface);
-    EXPECT_NEAR(volume_mm3(octree, *cut), c.volume, 0.025 * c.volume);
+    // The flux term lies outward by 2Hσ² (reconstruct/README.md).
+    const double expected_mm3 = c.volume_mm3 + c.curvature_mm * kSigma_mm * kSigma_mm;
+    EXPECT_NEAR(volume_mm3(octree, *cut), expected_mm3, 0.04 * expected_mm3);
     for (std::size_t i = 0; i < octree.size(); ++i) {
-      if (std::abs(c.distance(octree.centre_mm(i))) > 1.5) {
+      if (std::abs(c.distance(octree.centre_mm(i))) > 3) {
         EXPECT_NEAR(cut->u[i], c.distance(octree.centre_mm(i)) < 0 ? 1 : 0, 0.05);
       }
     }
@@ -183,7 +187,7 @@ TEST(MinCut, GapGoesToZeroOnUnevenOctrees) {
     for (std::uint8_t& f : field.free_space) f = random() % 50 == 0 ? 1 : 0;
     const std::vector<float> divergence = flux_divergence(octree, faces, field);
     SurfaceOptions options;
-    options.relative_gap = 1e-5;
+    options.relative_gap = 1e-4;
     options.max_iterations = 20000;
     const Result<Indicator> cut = min_cut(octree, faces, field, divergence, options, nullptr, {});
     ASSERT_TRUE(cut);
@@ -292,7 +296,7 @@ TEST(MinCut, AgreesWithContinuousMaxFlow) {
       sink[at] = 100;
     }
   }
-  const std::vector<double> other = max_flow(kSide, g, source, sink, 600);
+  const std::vector<double> other = max_flow(kSide, g, source, sink, 300);
   std::size_t inside = 0, differ = 0;
   for (std::size_t i = 0; i < octree.size(); ++i) {
     inside += cut->u[i] > 0.5F ? 1 : 0;
@@ -311,28 +315,28 @@ TEST(MinCut, AgreesWithContinuousMaxFlow) {
 
 TEST(MinCut, AWarmStartAgreesAndSavesIterations) {
   const auto distance = scene::sphere(20.3);
-  const Octree octree = scene::refined_near(distance, 3, 6, 4);
+  const Octree octree = scene::refined_near(distance, 3, 5, 3);
   const auto faces = octree.faces();
-  const NormalField field = scene::field(octree, distance, 0.8, 0.2);
+  const NormalField field = scene::field(octree, distance, 1.6, 0.2);
   const std::vector<float> divergence = flux_divergence(octree, faces, field);
   const SurfaceOptions options;
   const Indicator cold = *min_cut(octree, faces, field, divergence, options, nullptr, {});
   const Indicator again = *min_cut(octree, faces, field, divergence, options, &cold, {});
   EXPECT_LE(again.iterations, cold.iterations);
-  const Indicator start = scene::inside(octree, scene::sphere(21.3));
+  const Indicator start = scene::inside(octree, scene::sphere(22.3));
   const Indicator warm = *min_cut(octree, faces, field, divergence, options, &start, {});
   EXPECT_NEAR(warm.energy, cold.energy, warm.gap + cold.gap);
   std::size_t differ = 0;
   for (std::size_t i = 0; i < octree.size(); ++i)
     differ += (warm.u[i] > 0.5F) != (cold.u[i] > 0.5F) ? 1 : 0;
-  EXPECT_LT(differ, octree.size() / 500);
+  EXPECT_LT(differ, octree.size() / 300);
 }
 
 TEST(MinCut, IsTheSameForAnyNumberOfThreads) {
   const auto distance = scene::torus(18.2, 7.1);
-  const Octree octree = scene::refined_near(distance, 3, 6, 3);
+  const Octree octree = scene::refined_near(distance, 3, 5, 3);
   const auto faces = octree.faces();
-  const NormalField field = scene::field(octree, distance, 0.8, 0.2);
+  const NormalField field = scene::field(octree, distance, 1.6, 0.2);
   const std::vector<float> divergence = flux_divergence(octree, faces, field);
   const Indicator many = *min_cut(octree, faces, field, divergence, {}, nullptr, {});
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
