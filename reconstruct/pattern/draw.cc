@@ -49,7 +49,7 @@ Result<Picture> draw(const Pattern& pattern, int width_px, int height_px) {
       }
       if (pattern.axis == Axis::u) {
         for (int u = 0; u < width_px; ++u)
-          pixels[static_cast<std::size_t>(u)] = static_cast<std::byte>(gray_value(pattern, u));
+          pixels[u] = static_cast<std::byte>(gray_value(pattern, u));
         for (std::size_t v = 1; v < height; ++v) {
           std::memcpy(pixels.get() + v * width, pixels.get(), width);
         }

@@ -33,12 +33,13 @@ std::string checksum(const Image& image) {
 Status write_image(const Image& image, const std::filesystem::path& file) {
   if (image.size_px() == 0) return Error{Code::invalid, "an empty picture cannot be stored"};
   std::vector<unsigned char> png;
-  ALHAZEN_TRY(caught(Code::internal, "encoding '" + file.string() + "'", [&] {
+  ALHAZEN_TRY(caught(Code::internal, "encoding '" + file.string() + "'", [&]() -> Status {
     // OpenCV has no read-only view; imencode() does not write to it.
     const cv::Mat view(image.height(), image.width(),
                        image.format() == PixelFormat::mono8 ? CV_8UC1 : CV_16UC1,
                        const_cast<std::byte*>(image.bytes().data()));
     cv::imencode(".png", view, png, {cv::IMWRITE_PNG_COMPRESSION, kPngCompression});
+    return {};
   }));
   return write_file_safely(file, {reinterpret_cast<const char*>(png.data()), png.size()});
 }

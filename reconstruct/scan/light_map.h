@@ -41,8 +41,8 @@ struct PixelAllocator {
 
   PixelAllocator() = default;
   template <class Other>
-  PixelAllocator(const PixelAllocator<Other>& /*other*/) noexcept {
-  }  // NOLINT(google-explicit-constructor): allocators convert
+  // NOLINTNEXTLINE(google-explicit-constructor): allocators convert
+  PixelAllocator(const PixelAllocator<Other>& /*other*/) noexcept {}
   [[nodiscard]] T* allocate(std::size_t count) {
     return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
   }

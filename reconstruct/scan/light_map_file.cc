@@ -220,7 +220,7 @@ Status check_channel(const Imf::Header& header, const char* name, Imf::PixelType
 /// What the header says, with lists of the right length. Nothing is allocated that the file does
 /// not hold.
 Result<LightMap> read_header(const Imf::Header& header, std::size_t file_bytes) {
-  const Imath::Box2i window = header.dataWindow();
+  const Imath::Box2i& window = header.dataWindow();
   const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1;
   const std::int64_t height = std::int64_t{window.max.y} - window.min.y + 1;
   if (window.min.x < 0 || window.min.y < 0 || width < 1 || height < 1 ||
@@ -343,9 +343,10 @@ Status write_light_map(const LightMap& map, const std::filesystem::path& file) {
   const std::filesystem::path partial = aside(file);
   std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
   if (!stream) return Error{Code::unavailable, "cannot create '" + partial.string() + "'"};
-  Status written = caught(Code::exhausted, "writing '" + partial.string() + "'", [&] {
+  Status written = caught(Code::exhausted, "writing '" + partial.string() + "'", [&]() -> Status {
     Imf::StdOFStream out(stream, partial.c_str());
     write_exr(map, out);
+    return {};
   });
   stream.close();
   if (written && !stream) {

@@ -62,7 +62,7 @@ Status sync_folder(const fs::path& folder) {
 
 Status make_stand(const fs::path& file) {
   const fs::path partial = aside(file);
-  const Status done = [&]() -> Status {
+  Status done = [&]() -> Status {
     {
       const Descriptor out(partial, O_RDONLY);
       if (!out || ::fsync(out.value()) != 0) return failure("sync", partial);
@@ -79,7 +79,7 @@ Status write_file_safely(const fs::path& file, std::string_view bytes) {
   {
     const Descriptor out(partial, O_WRONLY | O_CREAT | O_TRUNC);
     if (!out) return failure("create", partial);
-    const Status written = write_all(out, bytes, partial);
+    Status written = write_all(out, bytes, partial);
     if (!written) {
       ::unlink(partial.c_str());
       return written;
