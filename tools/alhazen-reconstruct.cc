@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "reconstruct/run.h"
+#include "reconstruct/vote/octree.h"
 #include "tools/exit_code.h"
 #include "tools/reconstruct_commands.h"
 
@@ -80,6 +81,7 @@ int main(int argc, char** argv) {
       "Exit codes: 0 done, 64 wrong request, 69 not available, 70 our bug, 74 no space,\n"
       "75 damaged or wrong moment, 130 interrupted."};
   app.require_subcommand(1);
+  app.fallthrough();  // --quiet may stand behind the sub-command, too
   app.set_help_all_flag("--help-all", "help of every sub-command");
   bool is_quiet = false;
   app.add_flag("--quiet", is_quiet, "no progress");
@@ -92,6 +94,18 @@ int main(int argc, char** argv) {
   info_command->add_flag("--maps", info.has_maps, "load every light map: what its pixels saw");
   info_command->add_flag("--json", info.as_json, "one JSON object");
   info_command->callback([&] { work = [&](const Run& r) { return show_scan(info, r); }; });
+
+  alhazen::RunArgs whole;
+  auto* run_command =
+      app.add_subcommand("run", "reconstruct a scan directory: mesh.ply, report.json, report.html");
+  run_command->add_option("SCAN", whole.scan, "scan directory")->required();
+  run_command
+      ->add_option("--level", whole.level,
+                   "finest octree level instead of the scan's: leaves of edge / 2^level")
+      ->check(CLI::Range(1, alhazen::Octree::kMaxLevel));
+  run_command->add_option("--reference", whole.reference, "the true surface: errors in the report");
+  run_command->add_option("--out", whole.out, "folder for the results; the scan directory if none");
+  run_command->callback([&] { work = [&](const Run& r) { return run_reconstruction(whole, r); }; });
 
   alhazen::ReportArgs report;
   auto* report_command = app.add_subcommand(

@@ -22,6 +22,15 @@ struct InfoArgs {
 };
 Status show_scan(const InfoArgs& args, const Run& run);
 
+/// alhazen-reconstruct run
+struct RunArgs {
+  std::filesystem::path scan;
+  std::optional<int> level;         ///< instead of the scan's
+  std::filesystem::path reference;  ///< empty where there is none
+  std::filesystem::path out;        ///< empty: into the scan directory
+};
+Status run_reconstruction(const RunArgs& args, const Run& run);
+
 /// alhazen-reconstruct report
 struct ReportArgs {
   std::filesystem::path scan;       ///< with mesh.ply and report.json

@@ -280,7 +280,7 @@ Result<Comparison> comparison_in(JsonFields fields) {
 
 Result<Report> report_in(const nlohmann::json& json) {
   JsonFields fields = ALHAZEN_TRY(JsonFields::make(json, "", Code::corrupt));
-  ALHAZEN_TRY(fields.small("format", kFormat, kFormat));
+  static_cast<void>(ALHAZEN_TRY(fields.small("format", kFormat, kFormat)));  // there is but one
   Report report;
   report.provenance = ALHAZEN_TRY(provenance_in(ALHAZEN_TRY(fields.object("provenance"))));
   report.capture = ALHAZEN_TRY(capture_in(ALHAZEN_TRY(fields.object("capture"))));
