@@ -43,7 +43,7 @@ struct DepthOptions {
   /// Reweightings by Tukey's biweight in each round. Range 0 … 20.
   int tukey_rounds = 3;
   /// Accepted: at least so many votes agree (range 3 … 100),
-  int min_votes = 4;
+  int min_votes = 3;
   /// their median residual is at most this, or so many standard deviations of a hypothesis by the
   /// light maps' own sigmas, whichever is more (rad, range (0, 1]; unit 1, range [0, 10]),
   double max_residual_rad = 1e-3;
@@ -59,7 +59,7 @@ struct DepthOptions {
 /// Every tunable of the surface stage.
 struct SurfaceOptions {
   /// Weight of the flux term: E(u) = ∫ g|∇u| − λ ∫ u div(cN). Unit 1, range (0, 100].
-  double lambda = 12.0;
+  double lambda = 40.0;
   /// g = max(g_min, exp(−β c)). Unit 1, range (0, 20].
   double beta = 4.0;
   /// Unit 1, range (0, 1].

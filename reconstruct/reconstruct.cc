@@ -27,13 +27,14 @@ namespace {
 constexpr int kMinLevel = 4;
 /// Previews: 1.6 mm at the default volume, a fraction of a second.
 constexpr int kPreviewLevel = 6;
+constexpr double kPreviewGap = 0.05;
 /// Leaves away from the surface are at most so many levels above the start level.
 constexpr int kCoarserLevels = 2;
 /// Depths are measured this many leaves from the cut: its own error is about half a leaf.
 constexpr int kDepthLeaves = 1;
 /// A vertex is called measured where it lies within 2½ standard deviations of the nearest measured
 /// leaf's depth, or a fiftieth of a leaf, and its normal within 0.2 rad of that leaf's.
-constexpr double kObservedSigmas = 2.5, kObservedEdges = 0.02, kMaxTurnRad = 0.2;
+constexpr double kObservedSigmas = 3, kObservedEdges = 0.1, kMaxTurnRad = 0.3;
 
 double seconds(clockid_t clock) {
   timespec now{};
@@ -182,6 +183,28 @@ Result<Solved> solve(const Voter& voter, const SurfaceOptions& options, Octree o
       ALHAZEN_TRY(min_cut(solved.octree, solved.faces, solved.field, solved.divergence, options,
                           warm ? &*warm : nullptr, cut_steps.next()));
   return solved;
+}
+
+/// The first octree: every leaf of `level` is voted on; what nothing agrees in is then merged, so
+/// that the cut works on the rest. The field of the former comes with it, without a cut.
+struct Start {
+  Solved voted;
+  Octree octree;
+};
+
+Result<Start> start(const Voter& voter, const Volume& volume, int level, int coarsest,
+                    double min_consistency, std::size_t light_maps, Steps& vote_steps) {
+  Solved voted{Octree::uniform(volume, level), {}, {}, {}, {}};
+  voted.field = ALHAZEN_TRY(voter.vote(voted.octree, nullptr, vote_steps.next()));
+  if (std::all_of(voted.field.consistency.begin(), voted.field.consistency.end(),
+                  [](float c) { return c <= 0; })) {
+    return Error{Code::conflict, "no two of the " + std::to_string(light_maps) +
+                                     " light maps agree on a normal anywhere in the volume: no "
+                                     "surface"};
+  }
+  voted.faces = voted.octree.faces();
+  Octree octree = voted.octree.adapted(wanted_levels(voted, level, coarsest, 1, min_consistency));
+  return Start{std::move(voted), std::move(octree)};
 }
 
 /// Depths of the finest leaves within one step of the cut.
@@ -340,10 +363,24 @@ Result<Mesh> Reconstruction::preview(const Run& run) {
   const Stopwatch watch(state_->times, "preview");
   std::vector<StageTime> unused;
   const Voter voter(state_->observations, state_->options.vote);
-  Steps vote_steps(run, "vote", 1), cut_steps(run, "surface", 2), mesh_steps(run, "mesh", 1);
+  Steps vote_steps(run, "vote", 3), cut_steps(run, "surface", 3), mesh_steps(run, "mesh", 1);
   const int level = std::min(state_->level, kPreviewLevel);
-  auto solved = solve(voter, state_->options.surface, Octree::uniform(state_->volume, level),
-                      nullptr, vote_steps, cut_steps, unused);
+  const int coarsest = std::max(0, level - kCoarserLevels);
+  SurfaceOptions options = state_->options.surface;
+  options.relative_gap = std::max(options.relative_gap, kPreviewGap);
+  auto solve_preview = [&]() -> Result<Solved> {
+    Start first = ALHAZEN_TRY(start(voter, state_->volume, level, coarsest,
+                                    state_->options.adapt.min_consistency / 2,
+                                    state_->observations.size(), vote_steps));
+    const Solved coarse = ALHAZEN_TRY(solve(voter, options, std::move(first.octree), &first.voted,
+                                            vote_steps, cut_steps, unused));
+    return solve(voter, options,
+                 coarse.octree.adapted(wanted_levels(coarse, level, coarsest,
+                                                     state_->options.adapt.band_leaves,
+                                                     state_->options.adapt.min_consistency)),
+                 &coarse, vote_steps, cut_steps, unused);
+  };
+  auto solved = solve_preview();
   state_->hypotheses += voter.hypotheses();
   if (!solved) return std::move(solved).error();
   SurfaceSamples samples;
@@ -376,23 +413,14 @@ Result<Reconstructed> Reconstruction::finish(const Run& run) {
   Steps vote_steps(run, "vote", rounds + 1), cut_steps(run, "surface", rounds + 2);
   Steps depth_steps(run, "depth", 1), mesh_steps(run, "mesh", 1);
 
-  // Every leaf of the start level is voted on once; what nothing agrees in is then merged, so that
-  // the cut works on the rest.
-  Octree octree = Octree::uniform(state_->volume, start_level);
+  Octree octree = Octree::uniform(state_->volume, 0);
   std::optional<Solved> solved;
   {
     const Stopwatch watch(result.times, "vote");
-    NormalField field = ALHAZEN_TRY(voter.vote(octree, nullptr, vote_steps.next()));
-    if (std::all_of(field.consistency.begin(), field.consistency.end(),
-                    [](float c) { return c <= 0; })) {
-      return Error{Code::conflict,
-                   "no two of the " + std::to_string(result.light_maps) +
-                       " light maps agree on a normal anywhere in the volume: no surface"};
-    }
-    solved.emplace(Solved{std::move(octree), {}, std::move(field), {}, {}});
-    solved->faces = solved->octree.faces();
-    octree = solved->octree.adapted(wanted_levels(*solved, start_level, coarsest, adapt.band_leaves,
-                                                  adapt.min_consistency / 2));
+    Start first = ALHAZEN_TRY(start(voter, state_->volume, start_level, coarsest,
+                                    adapt.min_consistency / 2, result.light_maps, vote_steps));
+    solved.emplace(std::move(first.voted));
+    octree = std::move(first.octree);
   }
   bool is_first = true;
   for (int level = start_level; level <= state_->level; ++level) {

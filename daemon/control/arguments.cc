@@ -235,8 +235,7 @@ Result<json> check_arguments(const std::vector<Argument>& arguments, const json&
   const std::string here(path);
   if (!value.is_object())
     return Error{Code::invalid, here + " is " + shown(value) + "; it must be an object"};
-  for (const auto& item : value.items()) {
-    const std::string& key = item.key();
+  for (const auto& [key, unused] : value.items())
     if (std::none_of(arguments.begin(), arguments.end(),
                      [&](const Argument& known) { return known.name == key; })) {
       std::string all;
@@ -244,7 +243,6 @@ Result<json> check_arguments(const std::vector<Argument>& arguments, const json&
       return Error{Code::invalid, "unknown key " + here + "." + key + "; " +
                                       (all.empty() ? "no key is known here" : "known: " + all)};
     }
-  }
   json checked = json::object();
   for (const Argument& argument : arguments) {
     const std::string name = here + "." + argument.name;

@@ -10,6 +10,10 @@
 namespace alhazen {
 namespace {
 
+/// A position this near to the pixel's own line of sight onto the display is that, within what
+/// calibration and coding leave uncertain: half a millimetre to a millimetre on the display.
+constexpr float kSightPx = 3;
+
 template <class Devices>
 std::size_t index_of(const Devices& devices, const std::string& name) {
   const auto found = std::find_if(devices.begin(), devices.end(),
@@ -17,11 +21,58 @@ std::size_t index_of(const Devices& devices, const std::string& name) {
   return static_cast<std::size_t>(found - devices.begin());
 }
 
+/// Where each pixel of the region would see the display itself, were nothing between: on a grid of
+/// every kStepPx-th pixel, linear between, which lens distortion leaves exact to far less than
+/// a display pixel. NaN where it would not.
+class DirectSight {
+ public:
+  DirectSight(const CameraModel& camera, const DisplayModel& display, const Pose& camera_from_mount,
+              const Region& region)
+      : columns_((region.width + kStepPx - 1) / kStepPx + 1) {
+    const Pose mount_from_camera = camera_from_mount.inverse();
+    const Eigen::Vector3d eye = mount_from_camera.translation_mm;
+    const Eigen::Vector3d inward = display.inward();
+    const double away_mm = (display.origin_mm - eye).dot(inward);
+    const int rows = (region.height + kStepPx - 1) / kStepPx + 1;
+    for (int row = 0; row < rows; ++row) {
+      for (int column = 0; column < columns_; ++column) {
+        const Eigen::Vector3d direction =
+            mount_from_camera.rotation *
+            camera.direction(
+                Eigen::Vector2d(region.x + column * kStepPx, region.y + row * kStepPx));
+        const double fall = direction.dot(inward);
+        Eigen::Vector2f uv = Eigen::Vector2f::Constant(std::numeric_limits<float>::quiet_NaN());
+        if (away_mm > 0 && fall > 1e-3) {
+          const Eigen::Vector3d q = eye + direction * (away_mm / fall) - display.origin_mm;
+          uv = {static_cast<float>(q.dot(display.u_mm) / display.u_mm.squaredNorm()),
+                static_cast<float>(q.dot(display.v_mm) / display.v_mm.squaredNorm())};
+        }
+        uv_px_.push_back(uv);
+      }
+    }
+  }
+
+  [[nodiscard]] Eigen::Vector2f at(int x, int y) const {
+    const auto corner = static_cast<std::size_t>(y / kStepPx) * static_cast<std::size_t>(columns_) +
+                        static_cast<std::size_t>(x / kStepPx);
+    const auto next = corner + static_cast<std::size_t>(columns_);
+    const float fx = static_cast<float>(x % kStepPx) / kStepPx;
+    const float fy = static_cast<float>(y % kStepPx) / kStepPx;
+    return (1 - fy) * ((1 - fx) * uv_px_[corner] + fx * uv_px_[corner + 1]) +
+           fy * ((1 - fx) * uv_px_[next] + fx * uv_px_[next + 1]);
+  }
+
+ private:
+  static constexpr int kStepPx = 16;
+  int columns_;
+  std::vector<Eigen::Vector2f> uv_px_;
+};
+
 /// The smallest box around all pixels of the map's region with that label; empty without any.
-Region box_of(const LightMap& map, Label label) {
+Region box_of(const LightMap& map, const std::vector<Label>& labels, Label label) {
   int low_x = map.region.width, high_x = -1, low_y = map.region.height, high_y = -1;
   for (int y = 0; y < map.region.height; ++y) {
-    const Label* row = map.label.data() + static_cast<std::ptrdiff_t>(y) * map.region.width;
+    const Label* row = labels.data() + static_cast<std::ptrdiff_t>(y) * map.region.width;
     int first = 0, last = map.region.width - 1;
     while (first <= last && row[first] != label) ++first;
     if (first > last) continue;
@@ -41,7 +92,8 @@ std::size_t area(const Region& box) {
 
 /// How far a pixel is from the nearest without direct sight, chessboard steps, at most 255; beyond
 /// the box there is none. Two sweeps (Rosenfeld and Pfaltz, 1966).
-std::vector<std::uint8_t> distances(const LightMap& map, const Region& box) {
+std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label>& labels,
+                                    const Region& box) {
   const int stride = box.width + 2;
   std::vector<std::uint8_t> far(
       static_cast<std::size_t>(stride) * static_cast<std::size_t>(box.height + 2), 0);
@@ -58,7 +110,7 @@ std::vector<std::uint8_t> distances(const LightMap& map, const Region& box) {
       const auto pixel =
           static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(map.region.width) +
           static_cast<std::size_t>(box.x + x);
-      if (map.label[pixel] != Label::direct_sight) continue;
+      if (labels[pixel] != Label::direct_sight) continue;
       at(x, y) = lowered(at(x - 1, y), at(x - 1, y - 1), at(x, y - 1), at(x + 1, y - 1));
     }
   }
@@ -161,7 +213,30 @@ Status Observations::add(const LightMap& map) {
   }
   seen.inward_object = seen.u_object_mm.cross(seen.v_object_mm).normalized();
 
-  const Region box = box_of(map, Label::mirror);
+  // A position that is the pixel's own line of sight onto the display is no reflection.
+  std::vector<Label> labels(map.label.begin(), map.label.end());
+  const Pose camera_from_mount = display.mount == Mount::rig
+                                     ? camera.camera_from_rig
+                                     : camera.camera_from_rig * rig_from_object;
+  const DirectSight direct(camera, display, camera_from_mount, region);
+  const bool has_sigma = map.sigma_u_px.size() == count && map.sigma_v_px.size() == count;
+  for (int y = 0; y < region.height; ++y) {
+    for (int x = 0; x < region.width; ++x) {
+      const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(region.width) +
+                     static_cast<std::size_t>(x);
+      if (labels[i] != Label::mirror) continue;
+      const Eigen::Vector2f uv = direct.at(x, y);
+      const auto near = [&](float position, float sight, float sigma) {
+        return std::abs(position - sight) <= std::max(kSightPx, 3 * sigma);
+      };
+      if (near(map.u_px[i], uv.x(), has_sigma ? map.sigma_u_px[i] : 0) &&
+          near(map.v_px[i], uv.y(), has_sigma ? map.sigma_v_px[i] : 0)) {
+        labels[i] = Label::direct_sight;
+      }
+    }
+  }
+
+  const Region box = box_of(map, labels, Label::mirror);
   if (area(box) > 0) {
     seen.box = {region.x + box.x, region.y + box.y, box.width, box.height};
     seen.uv_px.resize(2 * area(box));
@@ -176,7 +251,7 @@ Status Observations::add(const LightMap& map) {
     for (int y = 0; y < box.height; ++y) {
       for (int x = 0; x < box.width; ++x) {
         const std::size_t from = source(x, y), to = 2 * target(x, y);
-        const bool is_mirror = map.label[from] == Label::mirror;
+        const bool is_mirror = labels[from] == Label::mirror;
         seen.uv_px[to] = is_mirror ? map.u_px[from] : 0;
         seen.uv_px[to + 1] = is_mirror ? map.v_px[from] : 0;
       }
@@ -189,10 +264,10 @@ Status Observations::add(const LightMap& map) {
     const auto jump_v_px =
         static_cast<float>(options_.jump_rad * away_mm / seen.v_object_mm.norm());
     // A display error e seen from D away tilts the hypothesis by e / 2D; every 7th pixel will do.
-    if (map.sigma_u_px.size() == count && map.sigma_v_px.size() == count) {
+    if (has_sigma) {
       std::vector<float> noise;
       for (std::size_t i = 0; i < count; i += 7) {
-        if (map.label[i] != Label::mirror) continue;
+        if (labels[i] != Label::mirror) continue;
         const double sigma = std::hypot(map.sigma_u_px[i] * seen.u_object_mm.norm(),
                                         map.sigma_v_px[i] * seen.v_object_mm.norm()) /
                              std::sqrt(2.0);
@@ -218,10 +293,9 @@ Status Observations::add(const LightMap& map) {
     };
     for (int y = 0; y + 1 < box.height; ++y) {
       for (int x = 0; x + 1 < box.width; ++x) {
-        if (map.label[source(x, y)] != Label::mirror ||
-            map.label[source(x + 1, y)] != Label::mirror ||
-            map.label[source(x, y + 1)] != Label::mirror ||
-            map.label[source(x + 1, y + 1)] != Label::mirror) {
+        if (labels[source(x, y)] != Label::mirror || labels[source(x + 1, y)] != Label::mirror ||
+            labels[source(x, y + 1)] != Label::mirror ||
+            labels[source(x + 1, y + 1)] != Label::mirror) {
           continue;
         }
         const std::size_t corner[4] = {target(x, y), target(x + 1, y), target(x, y + 1),
@@ -233,10 +307,10 @@ Status Observations::add(const LightMap& map) {
       }
     }
   }
-  const Region sight = box_of(map, Label::direct_sight);
+  const Region sight = box_of(map, labels, Label::direct_sight);
   if (area(sight) > 0) {
     seen.sight_box = {region.x + sight.x, region.y + sight.y, sight.width, sight.height};
-    seen.sight_px = distances(map, sight);
+    seen.sight_px = distances(map, labels, sight);
   }
 
   if (observations_.size() >= 65535) {
