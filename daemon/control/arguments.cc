@@ -235,7 +235,8 @@ Result<json> check_arguments(const std::vector<Argument>& arguments, const json&
   const std::string here(path);
   if (!value.is_object())
     return Error{Code::invalid, here + " is " + shown(value) + "; it must be an object"};
-  for (const auto& [key, unused] : value.items())
+  for (const auto& item : value.items()) {
+    const std::string& key = item.key();
     if (std::none_of(arguments.begin(), arguments.end(),
                      [&](const Argument& known) { return known.name == key; })) {
       std::string all;
@@ -243,6 +244,7 @@ Result<json> check_arguments(const std::vector<Argument>& arguments, const json&
       return Error{Code::invalid, "unknown key " + here + "." + key + "; " +
                                       (all.empty() ? "no key is known here" : "known: " + all)};
     }
+  }
   json checked = json::object();
   for (const Argument& argument : arguments) {
     const std::string name = here + "." + argument.name;

@@ -111,7 +111,7 @@ class View {
   [[nodiscard]] std::uint8_t sees(double x, double y) const {
     const int i = std::clamp((static_cast<int>(x) - region_.x) / kBlock, 0, blocks_across_ - 1);
     const int j = std::clamp((static_cast<int>(y) - region_.y) / kBlock, 0, blocks_down_ - 1);
-    return mask_[static_cast<std::size_t>(j * blocks_across_ + i)];
+    return mask_[mask_index(i, j)];
   }
 
   /// Follows every line of the bundle to its end. Returns the number of lines followed, bounces
@@ -124,6 +124,10 @@ class View {
                      std::vector<std::vector<Patch>>& lights) const;
 
  private:
+  [[nodiscard]] std::size_t mask_index(int i, int j) const {
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(blocks_across_) +
+           static_cast<std::size_t>(i);
+  }
   void find_what_is_seen();
   void mark_all();
   void mark(std::uint8_t what, const Vec2& low, const Vec2& high);
@@ -147,7 +151,7 @@ class View {
 void View::find_what_is_seen() {
   blocks_across_ = (region_.width + kBlock - 1) / kBlock;
   blocks_down_ = (region_.height + kBlock - 1) / kBlock;
-  mask_.assign(static_cast<std::size_t>(blocks_across_ * blocks_down_), 0);
+  mask_.assign(mask_index(0, blocks_down_), 0);
   const Rigid camera_from_object = object_from_camera_.inverse();
   const double focal_px = std::max(lens_.fx_px, lens_.fy_px);
   for (const Ball& ball : shape_.cover()) {
@@ -189,8 +193,7 @@ void View::mark(std::uint8_t what, const Vec2& low, const Vec2& high) {
             top = std::max(0, block(low.y(), region_.y, blocks_down_)),
             bottom = std::min(blocks_down_ - 1, block(high.y(), region_.y, blocks_down_));
   for (int j = top; j <= bottom; ++j)
-    for (int i = left; i <= right; ++i)
-      mask_[static_cast<std::size_t>(j * blocks_across_ + i)] |= what;
+    for (int i = left; i <= right; ++i) mask_[mask_index(i, j)] |= what;
 }
 
 void View::mark_hull(const std::vector<Vec3>& corners_camera) {
@@ -394,7 +397,9 @@ class Tiler {
   }
   using Corners = std::array<const End*, 4>;  // left top, right top, left bottom, right bottom
   [[nodiscard]] Corners corners_of(int i, int j, int width) const {
-    const End* first = &corners_.ends[static_cast<std::size_t>(j * (width + 1) + i)];
+    const End* first =
+        &corners_.ends[static_cast<std::size_t>(j) * static_cast<std::size_t>(width + 1) +
+                       static_cast<std::size_t>(i)];
     return {first, first + 1, first + width + 1, first + width + 2};
   }
   [[nodiscard]] bool sees_anything(int left, int top, int width, int height) const {

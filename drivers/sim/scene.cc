@@ -134,7 +134,7 @@ class Reader {
     scene_.renderer.path_depth =
         static_cast<int>(ALHAZEN_TRY(from.integer_or("path_depth", 3, 1, 16)));
     scene_.renderer.memory_bytes =
-        static_cast<std::size_t>(ALHAZEN_TRY(from.integer_or("memory_mb", 1024, 16, 65536))) << 20;
+        static_cast<std::size_t>(ALHAZEN_TRY(from.integer_or("memory_mb", 1024, 1, 65536))) << 20;
     ALHAZEN_TRY(from.all_known());
     const Settings ambient = ALHAZEN_TRY(part("ambient"));
     scene_.ambient = ALHAZEN_TRY(ambient.number_or("radiance", 0, 0, 10));

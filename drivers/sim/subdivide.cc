@@ -329,12 +329,12 @@ Result<SmoothMesh> subdivide(const Mesh& mesh, std::size_t min_triangles, double
   find_leaving(now);
   ALHAZEN_TRY(check_fans(now));
   mark_creases(now, crease_rad);
-  while (now.triangles.size() < min_triangles) {
-    if (4 * now.triangles.size() > kMostTriangles)
-      return Error{Code::invalid, std::to_string(min_triangles) + " triangles are more than the " +
-                                      std::to_string(kMostTriangles) + " possible"};
-    now = refine(now);
-  }
+  std::size_t wanted = now.triangles.size();
+  while (wanted < min_triangles) wanted *= 4;
+  if (wanted > kMostTriangles)
+    return Error{Code::invalid, std::to_string(min_triangles) + " triangles are more than the " +
+                                    std::to_string(kMostTriangles) + " possible"};
+  while (now.triangles.size() < wanted) now = refine(now);
   return limit(std::move(now));
 }
 

@@ -1,7 +1,5 @@
 #include "reconstruct/mesh/contour.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +8,7 @@
 
 #include "alhazen/check.h"
 #include "reconstruct/mesh/cube_table.h"
+#include "reconstruct/surface/blocks.h"
 
 namespace alhazen {
 namespace {
@@ -158,7 +157,7 @@ class Blocks {
   }
 
   void fill() {
-    tbb::parallel_for(std::size_t{0}, (octree_.size() + 4095) / 4096, [&](std::size_t part) {
+    for_each_index((octree_.size() + 4095) / 4096, [&](std::size_t part) {
       const std::size_t end = std::min(octree_.size(), (part + 1) * 4096);
       for (std::size_t i = part * 4096; i < end; ++i) {
         const Leaf& leaf = octree_.leaves()[i];
@@ -307,7 +306,7 @@ Result<Mesh> contour(const Octree& octree, const std::vector<float>& value, cons
   }
   const Blocks blocks(octree, value);
   std::vector<Patch> patches(blocks.active_count());
-  tbb::parallel_for(std::size_t{0}, patches.size(), [&](std::size_t b) {
+  for_each_index(patches.size(), [&](std::size_t b) {
     if (run.stopped()) return;
     Window window;
     blocks.window(blocks.position(b), window);
@@ -328,7 +327,7 @@ Result<Mesh> contour(const Octree& octree, const std::vector<float>& value, cons
   Mesh mesh;
   mesh.vertices_mm.resize(first_vertex.back());
   mesh.normals.resize(first_vertex.back());
-  tbb::parallel_for(std::size_t{0}, patches.size(), [&](std::size_t b) {
+  for_each_index(patches.size(), [&](std::size_t b) {
     std::copy(patches[b].vertices_mm.begin(), patches[b].vertices_mm.end(),
               mesh.vertices_mm.begin() + static_cast<std::ptrdiff_t>(first_vertex[b]));
     std::copy(patches[b].normals.begin(), patches[b].normals.end(),
@@ -336,7 +335,7 @@ Result<Mesh> contour(const Octree& octree, const std::vector<float>& value, cons
   });
 
   const std::array<CubePattern, 256>& table = cube_table();
-  tbb::parallel_for(std::size_t{0}, patches.size(), [&](std::size_t b) {
+  for_each_index(patches.size(), [&](std::size_t b) {
     if (run.stopped()) return;
     Window window;
     const std::array<int, 3> block = blocks.position(b);
@@ -409,7 +408,7 @@ void annotate(const Octree& octree, const LeafFacts& facts, Mesh& mesh) {
   mesh.depth_sigma_mm.assign(n, std::numeric_limits<float>::quiet_NaN());
   const double half_mm =
       0.5 * octree.volume().edge_mm / static_cast<double>(1 << octree.finest_level());
-  tbb::parallel_for(std::size_t{0}, (n + 1023) / 1024, [&](std::size_t part) {
+  for_each_index((n + 1023) / 1024, [&](std::size_t part) {
     for (std::size_t v = part * 1024; v < std::min(n, (part + 1) * 1024); ++v) {
       const Eigen::Vector3d& p = mesh.vertices_mm[v];
       std::optional<std::size_t> best;

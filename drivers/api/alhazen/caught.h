@@ -9,13 +9,21 @@
 #include "alhazen/result.h"
 
 namespace alhazen {
+namespace detail {
+
+template <class T>
+concept AnyResult = requires(const T& answer) {
+  answer.error();
+};
+
+}  // namespace detail
 
 /// Runs `body`; an exception of the throwing library inside becomes an Error. For the edges of leaf
 /// files only. `body` returns a Result, a Status or a plain value.
 template <class Body>
 [[nodiscard]] auto caught(Code code, std::string_view what, Body&& body) noexcept {
   using Out = std::invoke_result_t<Body>;
-  constexpr bool kIsResult = requires(Out out) { out.error(); };
+  constexpr bool kIsResult = detail::AnyResult<Out>;
   using Answer = std::conditional_t<kIsResult, Out, Result<Out>>;
   try {
     if constexpr (kIsResult || !std::is_void_v<Out>) {

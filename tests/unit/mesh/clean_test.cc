@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "reconstruct/mesh/contour.h"
+#include "tests/unit/surface/scene.h"
 
 namespace alhazen {
 namespace {
@@ -31,9 +32,10 @@ void append(Mesh& mesh, const Mesh& other) {
 Mesh ball(double radius_mm, int level) {
   const Octree octree = Octree::uniform(Volume{}, level);
   std::vector<float> value(octree.size());
-  for (std::size_t i = 0; i < octree.size(); ++i)
-    value[i] =
-        static_cast<float>((octree.centre_mm(i) - octree.volume().centre_mm).norm() - radius_mm);
+  for (std::size_t i = 0; i < octree.size(); ++i) {
+    const Eigen::Vector3d r = octree.centre_mm(i) - octree.volume().centre_mm;
+    value[i] = static_cast<float>(r.norm() - radius_mm);
+  }
   return *contour(octree, value, {});
 }
 

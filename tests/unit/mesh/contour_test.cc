@@ -4,43 +4,27 @@
 #include <tbb/global_control.h>
 
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <numbers>
 #include <random>
 
 #include "reconstruct/mesh/clean.h"
 #include "reconstruct/mesh/cube_table.h"
+#include "tests/unit/surface/scene.h"
 
 namespace alhazen {
 namespace {
 
-using Function = std::function<double(const Eigen::Vector3d&)>;
+using scene::kVolume;
+using scene::refined_near;
 constexpr double kPi = std::numbers::pi;
 
-std::vector<float> sampled(const Octree& octree, const Function& f) {
+std::vector<float> sampled(const Octree& octree, const scene::Distance& f) {
   std::vector<float> value(octree.size());
   for (std::size_t i = 0; i < octree.size(); ++i)
     value[i] = static_cast<float>(f(octree.centre_mm(i)));
   return value;
 }
-
-Octree refined_near(const Volume& volume, int coarse, int fine, const Function& distance_mm,
-                    double band_leaves) {
-  Octree octree = Octree::uniform(volume, coarse);
-  for (int level = coarse + 1; level <= fine; ++level) {
-    std::vector<std::uint8_t> target(octree.size());
-    for (std::size_t i = 0; i < octree.size(); ++i) {
-      const bool is_near =
-          std::abs(distance_mm(octree.centre_mm(i))) < band_leaves * octree.edge_mm(i);
-      target[i] = static_cast<std::uint8_t>(is_near ? level : coarse);
-    }
-    octree = octree.adapted(target);
-  }
-  return octree;
-}
-
-const Volume kVolume{Eigen::Vector3d(3, -2, 40), 64};
 
 double sphere(const Eigen::Vector3d& p) { return (p - kVolume.centre_mm).norm() - 20.3; }
 double torus(const Eigen::Vector3d& p) {
@@ -72,7 +56,7 @@ TEST(CubeTable, CutsEveryCrossedEdgeOnceAndTriangulatesEveryLoop) {
 }
 
 TEST(Contour, SphereIsClosedOutwardAndWithinATenthOfAPercentOfALeaf) {
-  const Octree octree = refined_near(kVolume, 3, 6, sphere, 3);  // leaves of 1 mm
+  const Octree octree = refined_near(sphere, 3, 6, 3);  // leaves of 1 mm
   const Result<Mesh> mesh = contour(octree, sampled(octree, sphere), {});
   ASSERT_TRUE(mesh) << mesh.error().text();
   const MeshCheck check = check_closed(*mesh);
@@ -95,7 +79,7 @@ TEST(Contour, SphereIsClosedOutwardAndWithinATenthOfAPercentOfALeaf) {
 
 TEST(Contour, TorusAndTwoBallsHaveTheirTopology) {
   {
-    const Octree octree = refined_near(kVolume, 3, 6, torus, 3);
+    const Octree octree = refined_near(torus, 3, 6, 3);
     const Result<Mesh> mesh = contour(octree, sampled(octree, torus), {});
     ASSERT_TRUE(mesh);
     const MeshCheck check = check_closed(*mesh);
@@ -104,7 +88,7 @@ TEST(Contour, TorusAndTwoBallsHaveTheirTopology) {
     EXPECT_NEAR(check.volume_mm3, 2 * kPi * kPi * 18.2 * 7.1 * 7.1, 5e-3 * check.volume_mm3);
   }
   {
-    const Octree octree = refined_near(kVolume, 3, 6, two_balls, 3);
+    const Octree octree = refined_near(two_balls, 3, 6, 3);
     const Result<Mesh> mesh = contour(octree, sampled(octree, two_balls), {});
     ASSERT_TRUE(mesh);
     const MeshCheck check = check_closed(*mesh);
@@ -166,7 +150,7 @@ TEST(Contour, AnObjectThatReachesTheBoundaryIsClosedThere) {
 }
 
 TEST(Contour, IsTheSameForAnyNumberOfThreads) {
-  const Octree octree = refined_near(kVolume, 3, 6, torus, 3);
+  const Octree octree = refined_near(torus, 3, 6, 3);
   const std::vector<float> value = sampled(octree, torus);
   const Mesh many = *contour(octree, value, {});
   const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);

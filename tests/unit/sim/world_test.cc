@@ -180,14 +180,14 @@ TEST(World, ForgetsNothingThatAnExposureStillNeeds) {
 
 TEST(World, KeepsTransportWithinItsMemory) {
   const auto world =
-      make_world(replaced(text_of(shipped_world("small")), "memory_mb = 64", "memory_mb = 16"));
+      make_world(replaced(text_of(shipped_world("small")), "memory_mb = 64", "memory_mb = 1"));
   Time now = kStart;
-  for (int stop = 0; stop < 200; ++stop) {
+  for (int stop = 0; stop < 8; ++stop) {
     now = world->turn(0.01 * stop, now);
     for (const std::size_t camera : {0U, 1U})
       (void)world->transport(camera, world->table_rad(now), kAll);
   }
-  EXPECT_LE(world->figures().cached_bytes, std::size_t{16} << 20);
+  EXPECT_LE(world->figures().cached_bytes, std::size_t{1} << 20);
   const auto traces = world->figures().traces;
   (void)world->transport(1, world->table_rad(now), kAll);
   EXPECT_EQ(world->figures().traces, traces);

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <tbb/global_control.h>
+
 #include <Eigen/Core>
 #include <cmath>
 #include <functional>
@@ -15,6 +17,12 @@ namespace alhazen::scene {
 
 /// Analytic surfaces and what an ideal voting stage would say about them.
 using Distance = std::function<double(const Eigen::Vector3d&)>;
+
+#if defined(__SANITIZE_THREAD__)
+/// Octrees are built by TBB, whose hand-overs the thread sanitizer takes for races, millions of
+/// them: one thread there. The stages under test use two that it understands (blocks.h).
+inline const tbb::global_control kOneThread(tbb::global_control::max_allowed_parallelism, 1);
+#endif
 
 inline const Volume kVolume{Eigen::Vector3d(3, -2, 40), 64};
 
