@@ -59,7 +59,7 @@ std::unique_ptr<Result> run(const Kernels& kernels, const Case& c, unsigned seed
                         result->bit_u.data(),   result->bit_v.data()};
   const int pairs = c.bits_u - c.lowest_u + c.bits_v - c.lowest_v;
   for (int i = -1; i < pairs; ++i) {
-    const std::vector<Dn> first = frame(0), second = frame(i % 3);
+    const std::vector<Dn> first = frame(0), second = frame((i + 3) % 3);
     std::uint8_t* plane =
         result->planes.data() + (1 + 3 * static_cast<std::size_t>(i < 0 ? 0 : i)) * kPlaneBytes;
     if constexpr (sizeof(Dn) == 1) {
