@@ -57,7 +57,7 @@ struct Manifest {
   std::vector<PlannedCamera> cameras;
 
   /// Fails: invalid, naming key and allowed range.
-  [[nodiscard]] static Result<Manifest> parse(std::string_view json);
+  [[nodiscard]] static Result<Manifest> parse(std::string_view text);
   [[nodiscard]] std::string to_json() const;
 };
 
