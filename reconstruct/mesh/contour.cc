@@ -193,7 +193,13 @@ class Blocks {
 
 /// Position of a sample of a block in its window; each coordinate -1 … kSide + 1.
 [[nodiscard]] std::size_t in_window(int x, int y, int z) {
-  return static_cast<std::size_t>(((z + 1) * kWindow + (y + 1)) * kWindow + (x + 1));
+  const int at = ((z + 1) * kWindow + (y + 1)) * kWindow + (x + 1);
+  return static_cast<std::size_t>(at);
+}
+/// Position of a sample in its block; each coordinate 0 … kSide - 1.
+[[nodiscard]] std::size_t in_block(int x, int y, int z) {
+  const int at = (z * kSide + y) * kSide + x;
+  return static_cast<std::size_t>(at);
 }
 [[nodiscard]] constexpr std::size_t stride(int axis) {
   return axis == 0 ? 1 : axis == 1 ? kWindow : kWindow * kWindow;
@@ -239,14 +245,11 @@ class Blocks {
   for (int axis = 0; axis < 3; ++axis) {
     const Sample &low = window[at - stride(axis)], &high = window[at + stride(axis)];
     const float f = window[at].value;
-    if (low.kind == Sample::fine && high.kind == Sample::fine) {
+    const bool has_low = low.kind == Sample::fine, has_high = high.kind == Sample::fine;
+    if (has_low == has_high) {
       g[axis] = 0.5F * (high.value - low.value);
-    } else if (high.kind == Sample::fine) {
-      g[axis] = high.value - f;
-    } else if (low.kind == Sample::fine) {
-      g[axis] = f - low.value;
     } else {
-      g[axis] = 0.5F * (high.value - low.value);
+      g[axis] = has_high ? high.value - f : f - low.value;
     }
   }
   return g;
@@ -271,7 +274,7 @@ void find_vertices(const Octree& octree, const std::array<int, 3>& block, const 
         for (int axis = 0; axis < 3; ++axis) {
           if (is_inside == (window[at + stride(axis)].value < 0)) continue;
           if (patch.vertex_of_edge.empty()) patch.vertex_of_edge.assign(3 * kSamples, 0);
-          patch.vertex_of_edge[static_cast<std::size_t>(((z * kSide + y) * kSide + x) * 3 + axis)] =
+          patch.vertex_of_edge[3 * in_block(x, y, z) + static_cast<std::size_t>(axis)] =
               static_cast<std::uint32_t>(patch.vertices_mm.size());
           const double t = crossing(window, at, axis);
           Eigen::Vector3d grid(block[0] * kSide + x + 0.5, block[1] * kSide + y + 0.5,
@@ -350,9 +353,10 @@ Result<Mesh> contour(const Octree& octree, const std::vector<float>& value, cons
         ++owner[a];
       }
       const std::size_t patch = blocks.active_at(owner);
-      return static_cast<std::uint32_t>(
-          first_vertex[patch] + patches[patch].vertex_of_edge[static_cast<std::size_t>(
-                                    ((at[2] * kSide + at[1]) * kSide + at[0]) * 3 + edge / 4)]);
+      const std::size_t edge_of_patch =
+          3 * in_block(at[0], at[1], at[2]) + static_cast<std::size_t>(edge / 4);
+      return static_cast<std::uint32_t>(first_vertex[patch] +
+                                        patches[patch].vertex_of_edge[edge_of_patch]);
     };
     for (int z = 0; z < kSide; ++z) {
       for (int y = 0; y < kSide; ++y) {

@@ -217,9 +217,10 @@ TEST(MinCut, GapGoesToZeroOnUnevenOctrees) {
 std::vector<double> max_flow(int n, const std::vector<double>& g, const std::vector<double>& source,
                              const std::vector<double>& sink, int iterations) {
   const auto at = [n](int x, int y, int z) {
-    return static_cast<std::size_t>((z * n + y) * n + x);
+    const int cell = (z * n + y) * n + x;
+    return static_cast<std::size_t>(cell);
   };
-  const auto cells = static_cast<std::size_t>(n * n * n);
+  const std::size_t cells = at(n - 1, n - 1, n - 1) + 1;
   const double c = 0.3, tau = 0.11;
   std::vector<double> u(cells), ps(cells), pt(cells), div(cells, 0.0), force(cells), scale(cells);
   std::array<std::vector<double>, 3> p;  // flow through the low face of each cell along an axis
@@ -228,8 +229,7 @@ std::vector<double> max_flow(int n, const std::vector<double>& g, const std::vec
     u[i] = source[i] >= sink[i] ? 1 : 0;
     ps[i] = pt[i] = std::min(source[i], sink[i]);
   }
-  const std::array<std::size_t, 3> step{1, static_cast<std::size_t>(n),
-                                        static_cast<std::size_t>(n * n)};
+  const std::array<std::size_t, 3> step{1, static_cast<std::size_t>(n), at(0, 0, 1)};
   const auto for_cells = [&](const auto& body) {
     for (int z = 0; z < n; ++z)
       for (int y = 0; y < n; ++y)
@@ -283,7 +283,7 @@ TEST(MinCut, AgreesWithContinuousMaxFlow) {
   std::vector<std::size_t> grid_of(octree.size());
   for (std::size_t i = 0; i < octree.size(); ++i) {
     const Leaf& leaf = octree.leaves()[i];
-    const auto at = static_cast<std::size_t>((leaf.z * kSide + leaf.y) * kSide + leaf.x);
+    const std::size_t at = (std::size_t{leaf.z} * kSide + leaf.y) * kSide + leaf.x;
     grid_of[i] = at;
     g[at] = std::max(options.g_min,
                      std::exp(-options.beta * static_cast<double>(field.consistency[i])));
