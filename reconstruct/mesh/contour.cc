@@ -239,7 +239,7 @@ class Blocks {
 }
 
 /// Gradient at a sample of the window, per grid edge: central where both neighbours are samples of
-/// their own, one-sided where one is.
+/// their own (or neither is), one-sided where one is.
 [[nodiscard]] Eigen::Vector3f gradient(const Window& window, std::size_t at) {
   Eigen::Vector3f g = Eigen::Vector3f::Zero();
   for (int axis = 0; axis < 3; ++axis) {
