@@ -88,10 +88,12 @@ TEST(Gatherer, HypothesesOfExactMapsAgreeOnTheTrueSurface) {
   }
   for (const Case& c : cases) {
     SCOPED_TRACE(c.shape.index());
-    const Rig rig = analytic::make_rig(small_rig());
-    Observations observations(rig, VoteOptions{}, kVolume.centre_mm);
     const bool is_torus = std::holds_alternative<analytic::Torus>(c.shape);  // slow to trace
-    analytic::scan(rig, c.shape, is_torus ? 2 : 9, {}, {0, 0, 50}, 36,
+    analytic::RigSize size = small_rig();
+    if (is_torus) size.cameras = 3;
+    const Rig rig = analytic::make_rig(size);
+    Observations observations(rig, VoteOptions{}, kVolume.centre_mm);
+    analytic::scan(rig, c.shape, is_torus ? 1 : 6, {}, {0, 0, 50}, 36,
                    [&](LightMap map) { EXPECT_TRUE(observations.add(map)); });
     std::size_t votes = 0, right = 0, near = 0;
     std::vector<double> errors;
@@ -107,7 +109,7 @@ TEST(Gatherer, HypothesesOfExactMapsAgreeOnTheTrueSurface) {
     }
     // Those seen through the object disagree by far more; a handful of the others lie where one
     // pixel of this coarse camera spans several degrees of a curved mirror.
-    EXPECT_GT(near, 100u);
+    EXPECT_GT(near, is_torus ? 30u : 100u);
     EXPECT_GT(static_cast<double>(near), 0.3 * static_cast<double>(votes));
     EXPECT_GT(static_cast<double>(right), 0.9 * static_cast<double>(near));
     std::sort(errors.begin(), errors.end());
@@ -259,11 +261,19 @@ TEST(Voter, DirectSightCarvesFreeSpaceAndNeverTheObject) {
   display.origin_mm = Eigen::Vector3d(0, 0, 50) + 200 * gaze - 350 * (display.u_mm + display.v_mm);
   const analytic::Shape sphere = analytic::Sphere{};
   Observations observations(rig, VoteOptions{}, kVolume.centre_mm);
+  Observations unlabelled(rig, VoteOptions{}, kVolume.centre_mm);
   for (int stop = 0; stop < 6; ++stop) {
-    const LightMap map = analytic::light_map(rig, sphere, {stop, display.name, rig.cameras[1].name},
-                                             stop * std::numbers::pi / 3, {});
+    LightMap map = analytic::light_map(rig, sphere, {stop, display.name, rig.cameras[1].name},
+                                       stop * std::numbers::pi / 3, {});
     EXPECT_GT(std::count(map.label.begin(), map.label.end(), Label::direct_sight), 10000);
     ASSERT_TRUE(observations.add(map));
+    // A decoder does not know the rig: to it all positions are reflections. The same comes out.
+    for (Label& label : map.label) {
+      if (label == Label::direct_sight) label = Label::mirror;
+    }
+    ASSERT_TRUE(unlabelled.add(map));
+    EXPECT_EQ(unlabelled.all().back().sight_px, observations.all().back().sight_px);
+    EXPECT_EQ(unlabelled.all().back().cells, observations.all().back().cells);
   }
   const Voter voter(observations, VoteOptions{});
   const Octree octree = Octree::uniform(kVolume, 6);
