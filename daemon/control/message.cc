@@ -13,6 +13,8 @@ namespace {
 
 using nlohmann::json;
 
+constexpr std::size_t kLongestId = 128;
+
 /// The deepest nesting of brackets outside of texts. A pass of its own, so that no parser ever sees
 /// a message that is nested more deeply than allowed.
 int deepest(std::string_view bytes) {
@@ -38,7 +40,7 @@ const std::vector<Argument>& envelope() {
   // The last millisecond of a day: the longest any client may wait.
   static const std::vector<Argument> kEnvelope = {
       Argument::whole("v", "version of the protocol", kProtocol, kProtocol).compulsory(),
-      Argument::text("id", "the client's own name of this request", 1, 128).compulsory(),
+      Argument::text("id", "the client's own name of this request", 1, kLongestId).compulsory(),
       Argument::text("verb", "what to do", 1, 64).compulsory(),
       Argument::text("idem", "repeats with the same key get the stored answer", 1, 128),
       Argument::whole("deadline_ms", "how long the client waits", 1, 86'400'000, "ms"),
@@ -78,9 +80,10 @@ std::variant<Request, Refusal> parse_request(std::string_view bytes) {
   if (!parsed) return Refusal{std::nullopt, std::move(parsed.error())};
   Refusal refusal;
   if (parsed->is_object())
-    if (const auto id = parsed->find("id");
-        id != parsed->end() && id->is_string() && id->get_ref<const std::string&>().size() <= 128)
-      refusal.id = id->get<std::string>();
+    if (const auto id = parsed->find("id"); id != parsed->end() && id->is_string()) {
+      const auto& text = id->get_ref<const std::string&>();
+      if (!text.empty() && text.size() <= kLongestId) refusal.id = text;
+    }
   // `args` is judged by the verb's own table.
   json args = json::object();
   if (parsed->is_object())

@@ -20,6 +20,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::string_view kIpc = "ipc://", kTcp = "tcp://";
+
 /// Requests answered in a row before anything else gets its turn.
 constexpr int kMostInARow = 64;
 /// Replies and events that may wait for one reader.
@@ -87,7 +89,6 @@ bool is_loopback(std::string_view address) {
 }
 
 Status prepare(const std::string& endpoint) {
-  constexpr std::string_view kIpc = "ipc://", kTcp = "tcp://";
   if (endpoint.starts_with(kIpc)) return prepare_ipc(endpoint.substr(kIpc.size()));
   if (!endpoint.starts_with(kTcp))
     return Error{Code::invalid, "it must begin with ipc:// or tcp://"};
@@ -98,18 +99,30 @@ Status prepare(const std::string& endpoint) {
   return {};
 }
 
-Status bind(zmq::socket_t& socket, const std::string& endpoint) {
+/// Binds; a socket file that was made is added to `files`.
+Status bind(zmq::socket_t& socket, const std::string& endpoint, std::vector<std::string>& files) {
   ALHAZEN_TRY(prepare(endpoint));
   // The socket file for owner and group alone, whatever the umask says.
   const mode_t before = umask(0117);
   const Status bound = caught(Code::unavailable, "cannot bind", [&] { socket.bind(endpoint); });
   umask(before);
+  if (bound && endpoint.starts_with(kIpc)) files.push_back(endpoint.substr(kIpc.size()));
   return bound;
 }
 
 }  // namespace
 
 struct Server::State {
+  State() = default;
+  State(const State&) = delete;
+  State& operator=(const State&) = delete;
+  /// Takes the socket files away, which libzmq leaves; while they are still listened at, so that it
+  /// cannot be the next daemon's that goes.
+  ~State() {
+    for (const std::string& file : files) unlink(file.c_str());
+  }
+
+  std::vector<std::string> files;
   zmq::context_t context{1};
   zmq::socket_t control{context, zmq::socket_type::router};
   zmq::socket_t events{context, zmq::socket_type::xpub};
@@ -131,8 +144,10 @@ Result<std::unique_ptr<Server>> Server::open(const std::string& control_endpoint
     state->events.set(zmq::sockopt::maxmsgsize, kCutMessage);
     state->events.set(zmq::sockopt::sndhwm, kHighWater);
     state->events.set(zmq::sockopt::linger, 200);
-    ALHAZEN_TRY(bind(state->control, control_endpoint).in("control endpoint " + control_endpoint));
-    ALHAZEN_TRY(bind(state->events, event_endpoint).in("event endpoint " + event_endpoint));
+    ALHAZEN_TRY(bind(state->control, control_endpoint, state->files)
+                    .in("control endpoint " + control_endpoint));
+    ALHAZEN_TRY(
+        bind(state->events, event_endpoint, state->files).in("event endpoint " + event_endpoint));
     return std::unique_ptr<Server>(new Server(std::move(state)));
   });
 }

@@ -599,7 +599,9 @@ Status Jobs::start_scan(Entry& entry) {
   work->reconstruction = ALHAZEN_TRY(choices_of(entry.job));
   entry.work = work;
   entry.first_step = 0;
+  // In the order in which they begin; a reconstruction tells of more.
   entry.job.stages.clear();
+  for (const char* stage : {"steps", "decode", "vote", "surface"}) entry.job.stage(stage);
   entry.job.retakes = 0;
   entry.job.elapsed_s = entry.job.remaining_s = 0;
   Job running = entry.job;

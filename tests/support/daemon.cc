@@ -187,11 +187,36 @@ Status TestDaemon::end() {
 
 TestClient TestDaemon::client() const { return {site_.control_endpoint(), site_.event_endpoint()}; }
 
-Json small_scan(int stops) {
+Json small_scan() {
   return {{"object", {{"id", "sphere"}}},
-          {"plan", {{"stops", stops}}},
-          {"volume", {{"edge_mm", 40}}},
-          {"level", 5}};
+          {"plan", {{"stops", 3}}},
+          {"volume", {{"edge_mm", 26}}},
+          {"level", 6}};
+}
+
+Json tiny_scan() {
+  return {{"object", {{"id", "sphere"}}},
+          {"plan", {{"stops", 2}, {"displays", {"above"}}, {"cameras", {"c0", "c1"}}}},
+          {"volume", {{"edge_mm", 26}}},
+          {"level", 4}};
+}
+
+const std::map<std::string, std::string>& undisturbed_results() {
+  static const std::map<std::string, std::string> kResults = [] {
+    const TestSite site;
+    TestDaemon daemon(site);
+    TestClient client = daemon.client();
+    const Json submitted = client.ask("scan.submit", small_scan());
+    const Json job = client.await_end(submitted["job"]);
+    EXPECT_EQ(job["state"], "done") << job.dump(1);
+    return results_of(site.scan(submitted["scan"]));
+  }();
+  return kResults;
+}
+
+std::size_t thread_count() {
+  const fs::directory_iterator tasks("/proc/self/task");
+  return static_cast<std::size_t>(std::distance(begin(tasks), end(tasks)));
 }
 
 std::map<std::string, std::string> results_of(const fs::path& scan) {

@@ -99,8 +99,16 @@ class TestDaemon {
 /// Starts an App on a site without running it. Fails: as App::open().
 [[nodiscard]] Result<std::unique_ptr<App>> open_app(const TestSite& site);
 
-/// Arguments of a quick scan of the small world: `stops` stops, volume of 40 mm, level 5.
-[[nodiscard]] Json small_scan(int stops = 3);
+/// Arguments of the quickest scan of the small world that ends in a mesh.
+[[nodiscard]] Json small_scan();
+/// Of one that is over sooner, and fails for want of a surface: for what happens before.
+[[nodiscard]] Json tiny_scan();
+
+/// What small_scan() gives where nothing disturbs it; made once in a process.
+[[nodiscard]] const std::map<std::string, std::string>& undisturbed_results();
+
+/// Threads of this process.
+[[nodiscard]] std::size_t thread_count();
 
 /// Every file of a scan directory that must be equal whatever happened on the way: light maps and
 /// mesh.ply, by name.

@@ -1,0 +1,90 @@
+// Abort at whatever moment: the job ends in a legal state, nothing is left behind, and the next
+// scan works.
+#include <gtest/gtest.h>
+
+#include <set>
+
+#include "tests/support/daemon.h"
+
+namespace alhazen::testing {
+namespace {
+
+/// Under a sanitizer everything takes many times longer: every third event stands for its
+/// neighbours there.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || \
+    ALHAZEN_HAS_FEATURE(address_sanitizer)
+constexpr int kStride = 3;
+#else
+constexpr int kStride = 1;
+#endif
+
+bool is_legal_after_abort(const Json& state) {
+  // Failed and done: it was over before the abort was read.
+  return state == "cancelled" || state == "failed" || state == "done";
+}
+
+TEST(Abort, AtEveryEvent) {
+  const TestSite site;
+  TestDaemon daemon(site);
+  TestClient client = daemon.client();
+  const std::size_t threads_before = thread_count();
+  std::set<std::string> aborted_at;
+  bool reached_the_end = false;
+  int cancelled = 0;
+  constexpr int kMostEvents = 60;
+  for (int k = 1; k <= kMostEvents && !reached_the_end; k += kStride) {
+    const std::string id = client.ask("scan.submit", tiny_scan())["job"];
+    int seen = 0;
+    bool asked = false;
+    std::string topic;
+    const Json job = client.await_end(id, [&](const Json& event) {
+      if (event["body"].value("job", event["body"].value("id", "")) != id || asked) return;
+      if (++seen < k) return;
+      asked = true;
+      topic = event["topic"];
+      client.reply("job.abort", {{"job", id}});  // conflict, where it is over already
+    });
+    reached_the_end = !asked;
+    if (job["state"] == "cancelled") {
+      ++cancelled;
+      aborted_at.insert(topic);
+    }
+    EXPECT_TRUE(is_legal_after_abort(job["state"])) << "event " << k << ": " << job.dump(1);
+    const Json status = client.ask("status");
+    EXPECT_EQ(status["state"], "idle") << "event " << k;
+    EXPECT_EQ(status["queue"]["held"], "") << "event " << k;
+    EXPECT_TRUE(status["can_scan"]) << status.dump(1);
+    // Never resumable, never ended twice.
+    EXPECT_EQ(client.reply("job.resume", {{"job", id}})["error"]["code"], "conflict");
+    EXPECT_EQ(client.reply("job.abort", {{"job", id}})["error"]["code"], "conflict");
+  }
+  EXPECT_TRUE(reached_the_end) << "more events than expected: raise the bound";
+  EXPECT_GE(cancelled, 10 / kStride);
+  EXPECT_GE(aborted_at.size(), 3U) << "the sweep met too few kinds of events";
+  // The writer of each capture is gone; TBB's own threads stay.
+  EXPECT_LE(thread_count(), threads_before + std::thread::hardware_concurrency());
+
+  const Json submitted = client.ask("scan.submit", small_scan());
+  EXPECT_EQ(client.await_end(submitted["job"])["state"], "done");
+  EXPECT_TRUE(results_of(site.scan(submitted["scan"])) == undisturbed_results());
+}
+
+TEST(Abort, OfWhatWaitsAndOfWhatIsPaused) {
+  const TestSite site;
+  TestDaemon daemon(site);
+  TestClient client = daemon.client();
+  const Json submitted = client.ask("scan.submit", {{"batch", {small_scan(), tiny_scan()}}});
+  const std::string first = submitted["jobs"][0]["job"], second = submitted["jobs"][1]["job"];
+  ASSERT_TRUE(client.until([](const Json& event) { return event["topic"] == "scan.progress"; }));
+  client.ask("job.pause", {{"job", first}});
+  ASSERT_TRUE(client.until([](const Json& event) {
+    return event["topic"] == "job.state" && event["body"]["state"] == "paused";
+  }));
+  EXPECT_EQ(client.ask("job.abort", {{"job", second}})["job"]["state"], "cancelled");
+  client.ask("job.abort", {{"job", first}});
+  EXPECT_EQ(client.await_end(first)["state"], "cancelled");
+  EXPECT_EQ(client.ask("status")["state"], "idle");
+}
+
+}  // namespace
+}  // namespace alhazen::testing
