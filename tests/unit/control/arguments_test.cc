@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
+#include <fstream>
 #include <functional>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "daemon/control/verbs.h"
@@ -131,6 +134,19 @@ TEST(Verbs, HelloAndTheDocumentsNameEveryVerb) {
     EXPECT_EQ(all[verb.name]["arguments"]["type"], "object");
     EXPECT_THAT(page, HasSubstr("**" + verb.name + "**"));
   }
+}
+
+/// docs/verbs.md is made from the table: ALHAZEN_RECORD=1 in the environment writes it anew.
+TEST(Verbs, TheDocumentIsMadeFromTheTable) {
+  const std::string file = ALHAZEN_SOURCE_DIR "/docs/verbs.md";
+  const std::string wanted =
+      "# Verbs of the control socket\n\nMade from `daemon/control/verbs.cc` by `unit_control` "
+      "(ALHAZEN_RECORD=1); not written by hand.\n\n" +
+      verbs_markdown();
+  if (std::getenv("ALHAZEN_RECORD") != nullptr) std::ofstream(file) << wanted;
+  std::ifstream in(file);
+  const std::string found(std::istreambuf_iterator<char>(in), {});
+  EXPECT_TRUE(found == wanted) << file << " is not of this table; run with ALHAZEN_RECORD=1";
 }
 
 }  // namespace
