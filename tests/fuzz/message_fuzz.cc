@@ -34,8 +34,8 @@ extern "C" int LLVMFuzzerTestOneInput(const unsigned char* data, std::size_t siz
   const auto args = check_arguments(verb->arguments, *request.args, "args");
   if (!args) {
     ALHAZEN_CHECK(args.error().code == Code::invalid);
-    ALHAZEN_CHECK(nlohmann::json::accept(
-        refusal_text(request.id, args.error(), nlohmann::json::object())));
+    ALHAZEN_CHECK(
+        nlohmann::json::accept(refusal_text(request.id, args.error(), nlohmann::json::object())));
     return 0;
   }
   // Defaults are filled in: checking once more changes nothing.
