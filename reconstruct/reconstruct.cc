@@ -279,7 +279,8 @@ void check_observed(const Solved& solved, const Depths& depths, const LeafFacts&
     double nearest2 = edge_mm * edge_mm;
     std::optional<std::size_t> leaf;
     for (int k = 0; k < 27; ++k) {
-      const Eigen::Vector3d step(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+      const Eigen::Vector3d step =
+          Eigen::Vector3i(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1).cast<double>();
       const auto near = octree.find(p + edge_mm * step);
       if (!near || facts.observed[*near] == 0) continue;
       const double distance2 = (octree.centre_mm(*near) - p).squaredNorm();
@@ -413,31 +414,29 @@ Result<Reconstructed> Reconstruction::finish(const Run& run) {
   Steps vote_steps(run, "vote", rounds + 1), cut_steps(run, "surface", rounds + 2);
   Steps depth_steps(run, "depth", 1), mesh_steps(run, "mesh", 1);
 
-  Octree octree = Octree::uniform(state_->volume, 0);
+  std::optional<Octree> octree;  // to be cut next, where it is known already
   std::optional<Solved> solved;
   {
     const Stopwatch watch(result.times, "vote");
     Start first = ALHAZEN_TRY(start(voter, state_->volume, start_level, coarsest,
                                     adapt.min_consistency / 2, result.light_maps, vote_steps));
     solved.emplace(std::move(first.voted));
-    octree = std::move(first.octree);
+    octree.emplace(std::move(first.octree));
   }
-  bool is_first = true;
   for (int level = start_level; level <= state_->level; ++level) {
     for (int adaption = 0; adaption < adapt.adaptions; ++adaption) {
-      if (!is_first) {
-        // Before the first cut of a level its leaves are still one level too large.
-        const bool is_coarse = adaption == 0;
+      std::optional<Octree> next_octree = std::exchange(octree, std::nullopt);
+      if (!next_octree) {
         if (adaption > 0 && is_settled(*solved, level)) break;
-        octree = solved->octree.adapted(wanted_levels(
-            *solved, level, coarsest, is_coarse ? (adapt.band_leaves + 1) / 2 : adapt.band_leaves,
-            adapt.min_consistency));
-        if (octree.leaves() == solved->octree.leaves()) break;
+        // Before the first cut of a level its leaves are still one level too large.
+        const int band_leaves = adaption == 0 ? (adapt.band_leaves + 1) / 2 : adapt.band_leaves;
+        next_octree = solved->octree.adapted(
+            wanted_levels(*solved, level, coarsest, band_leaves, adapt.min_consistency));
+        if (next_octree->leaves() == solved->octree.leaves()) break;
       }
-      Solved next = ALHAZEN_TRY(solve(voter, options.surface, std::move(octree), &*solved,
+      Solved next = ALHAZEN_TRY(solve(voter, options.surface, *std::move(next_octree), &*solved,
                                       vote_steps, cut_steps, result.times));
       solved.emplace(std::move(next));
-      is_first = false;
     }
   }
   vote_steps.finish();

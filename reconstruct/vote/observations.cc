@@ -141,7 +141,9 @@ bool Observation::may_see(double x0, double y0, double x1, double y1) const {
             last_y = static_cast<int>(high_y) / kTilePx;
   for (int y = first_y; y <= last_y; ++y) {
     for (int x = first_x; x <= last_x; ++x) {
-      if (tiles[static_cast<std::size_t>(y * columns + x)] != 0) return true;
+      if (tiles[static_cast<std::size_t>(y) * static_cast<std::size_t>(columns) +
+                static_cast<std::size_t>(x)] != 0)
+        return true;
     }
   }
   return false;
@@ -282,7 +284,7 @@ Status Observations::add(const LightMap& map) {
     seen.cells.assign((area(box) + 31) / 32, 0);
     const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
     const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
-    seen.tiles.assign(static_cast<std::size_t>(columns * rows), 0);
+    seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);
     const auto is_smooth = [&](const std::size_t(&corner)[4], std::size_t axis, float bound) {
       float low = seen.uv_px[2 * corner[0] + axis], high = low;
       for (const std::size_t c : corner) {
@@ -302,8 +304,9 @@ Status Observations::add(const LightMap& map) {
                                        target(x + 1, y + 1)};
         if (!is_smooth(corner, 0, jump_u_px) || !is_smooth(corner, 1, jump_v_px)) continue;
         seen.cells[corner[0] / 32] |= 1u << (corner[0] % 32);
-        seen.tiles[static_cast<std::size_t>(y / Observation::kTilePx * columns +
-                                            x / Observation::kTilePx)] = 1;
+        seen.tiles[static_cast<std::size_t>(y / Observation::kTilePx) *
+                       static_cast<std::size_t>(columns) +
+                   static_cast<std::size_t>(x / Observation::kTilePx)] = 1;
       }
     }
   }

@@ -32,12 +32,13 @@ const Observations& observations() {
     size.has_above = false;
     const Rig rig = analytic::make_rig(size);
     Observations all(rig, VoteOptions{}, Volume{}.centre_mm);
-    analytic::scan(rig, kSphere, 12, {.gray = true}, kSphere.centre_mm, 27, [&](LightMap map) {
-      if (const Status added = all.add(map); !added) {
-        std::fprintf(stderr, "%s\n", added.error().text().c_str());
-        std::abort();
-      }
-    });
+    analytic::scan(rig, kSphere, 12, {.gray = true}, kSphere.centre_mm, 27,
+                   [&](const LightMap& map) {
+                     if (const Status added = all.add(map); !added) {
+                       std::fprintf(stderr, "%s\n", added.error().text().c_str());
+                       std::abort();
+                     }
+                   });
     return all;
   }();
   return made;

@@ -101,27 +101,28 @@ TEST(MeanShift, FindsTheHighestModeOfBruteForceInDouble) {
                                    {{30, 28}, 60, 0.01, 0.01}, {{2}, 1, 0.002, 0.01},
                                    {{60}, 300, 0.005, 0.0067}, {{1}, 0, 0.1, 0.01},
                                    {{16}, 0, 0.2, 0.3},        {{17, 17, 17}, 0, 0.01, 0.02}};
-  for_each_target([&] {
-    for (std::uint32_t seed = 0; seed < 10; ++seed) {
-      for (const Case& c : cases) {
-        Cloud votes = cloud(seed, c.clusters, c.rest, c.spread_rad);
-        const auto [normal, height] = brute_force(votes, c.h);
+  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+    for (const Case& c : cases) {
+      const Cloud made = cloud(seed, c.clusters, c.rest, c.spread_rad);
+      const auto [normal, height] = brute_force(made, c.h);
+      for_each_target([&, truth = normal, most = height] {
+        Cloud votes = made;
         const kernels::Mode mode =
             kernels::mean_shift(votes.x.data(), votes.y.data(), votes.z.data(), votes.n.size(),
                                 static_cast<float>(c.h), 1.0F);
         const Eigen::Vector3d found(mode.x, mode.y, mode.z);
         EXPECT_NEAR(found.norm(), 1, 1e-5);
         // What it says is true …
-        EXPECT_NEAR(mode.support, density(votes, found, c.h), 2e-3 * height);
+        EXPECT_NEAR(mode.support, density(votes, found, c.h), 2e-3 * most);
         // … and as high as the best: exactly where the votes are few enough to seed from all.
-        EXPECT_GT(mode.support, (votes.n.size() <= 32 ? 0.995 : 0.9) * height)
+        EXPECT_GT(mode.support, (votes.n.size() <= 32 ? 0.995 : 0.9) * most)
             << "clusters " << c.clusters.size() << " of " << c.clusters[0] << ", seed " << seed;
         if (c.clusters.size() == 1 && c.clusters[0] > 4) {
-          EXPECT_LT((found - normal).norm(), 0.05 * c.h);
+          EXPECT_LT((found - truth).norm(), 0.05 * c.h);
         }
-      }
+      });
     }
-  });
+  }
 }
 
 TEST(MeanShift, NothingVotedGivesNothing) {
@@ -142,7 +143,7 @@ class LookUp : public testing::Test {
     cells_.assign((kWidth * kHeight + 31) / 32, 0);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
-        const std::size_t i = static_cast<std::size_t>(y * kWidth + x);
+        const std::size_t i = pixel(x, y);
         uv_[2 * i] = 100 + 17.0F * static_cast<float>(x) + unit(random);
         uv_[2 * i + 1] = 900 - 13.0F * static_cast<float>(y) + unit(random);
         if (x + 1 < kWidth && y + 1 < kHeight && unit(random) < 0.6F) {
@@ -175,19 +176,23 @@ class LookUp : public testing::Test {
     for (std::vector<float>* list : {&x_, &y_, &z_}) list->resize(kPoints + kPadding, 0);
   }
 
+  static std::size_t pixel(int x, int y) {
+    return static_cast<std::size_t>(y) * kWidth + static_cast<std::size_t>(x);
+  }
+
   /// The hypothesis of a pixel for a point; none where the light map does not know.
   [[nodiscard]] std::optional<Eigen::Vector3d> reference(std::size_t i, double px,
                                                          double py) const {
     const double x = px - map_.box_x, y = py - map_.box_y;
     if (!(x >= 0 && y >= 0 && x < kWidth - 1 && y < kHeight - 1)) return std::nullopt;
     const int column = static_cast<int>(x), row = static_cast<int>(y);
-    const auto cell = static_cast<std::size_t>(row * kWidth + column);
+    const std::size_t cell = pixel(column, row);
     if ((cells_[cell / 32] >> (cell % 32) & 1) == 0) return std::nullopt;
     const double fx = x - column, fy = y - row;
     Eigen::Vector2d uv = Eigen::Vector2d::Zero();
     for (const int dy : {0, 1}) {
       for (const int dx : {0, 1}) {
-        const std::size_t at = 2 * (cell + static_cast<std::size_t>(dy * kWidth + dx));
+        const std::size_t at = 2 * (cell + pixel(dx, dy));
         uv += (dx == 1 ? fx : 1 - fx) * (dy == 1 ? fy : 1 - fy) *
               Eigen::Vector2d(uv_[at], uv_[at + 1]);
       }

@@ -40,10 +40,10 @@ Octree uneven(std::uint32_t seed, int finest) {
   Octree octree = Octree::uniform(Volume{}, 2);
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> coordinate(-51, 51);
-  std::vector<Eigen::Vector3d> points;
-  for (int i = 0; i < 3; ++i) {
-    points.push_back(octree.volume().centre_mm +
-                     Eigen::Vector3d(coordinate(random), coordinate(random), coordinate(random)));
+  std::array<Eigen::Vector3d, 3> points;
+  for (Eigen::Vector3d& p : points) {
+    p = octree.volume().centre_mm +
+        Eigen::Vector3d(coordinate(random), coordinate(random), coordinate(random));
   }
   std::vector<std::uint8_t> target(octree.size(), 1);
   for (int level = 3; level <= finest; ++level) {

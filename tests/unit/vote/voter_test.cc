@@ -33,10 +33,11 @@ const Observations& sphere_observations(bool is_gray) {
   static const auto make = [](bool gray) {
     const Rig rig = analytic::make_rig(small_rig());
     Observations made(rig, VoteOptions{}, kVolume.centre_mm);
-    analytic::scan(rig, analytic::Sphere{}, 12, {.gray = gray}, {0, 0, 50}, 28, [&](LightMap map) {
-      const Status added = made.add(map);
-      EXPECT_TRUE(added) << added.error().text();
-    });
+    analytic::scan(rig, analytic::Sphere{}, 12, {.gray = gray}, {0, 0, 50}, 28,
+                   [&](const LightMap& map) {
+                     const Status added = made.add(map);
+                     EXPECT_TRUE(added) << added.error().text();
+                   });
     return made;
   };
   static const Observations exact = make(false), gray = make(true);
@@ -94,7 +95,7 @@ TEST(Gatherer, HypothesesOfExactMapsAgreeOnTheTrueSurface) {
     const Rig rig = analytic::make_rig(size);
     Observations observations(rig, VoteOptions{}, kVolume.centre_mm);
     analytic::scan(rig, c.shape, is_torus ? 1 : 6, {}, {0, 0, 50}, 36,
-                   [&](LightMap map) { EXPECT_TRUE(observations.add(map)); });
+                   [&](const LightMap& map) { EXPECT_TRUE(observations.add(map)); });
     std::size_t votes = 0, right = 0, near = 0;
     std::vector<double> errors;
     for (const Eigen::Vector3d& p : c.points) {
@@ -351,7 +352,8 @@ TEST(Voter, StopsWhenAsked) {
 class BadLightMap : public testing::Test {
  protected:
   Rig rig_ = analytic::make_rig(small_rig());
-  LightMap map_ = analytic::light_map(rig_, analytic::Sphere{}, {0, "side", "c02"}, 0, {});
+  LightMap map_ =
+      analytic::light_map(rig_, analytic::Sphere{}, {0, "side", "c02"}, 0, {}, {100, 80, 120, 140});
   Observations observations_{rig_, VoteOptions{}, kVolume.centre_mm};
 
   void expect(Code code, const std::string& word) {
@@ -371,7 +373,7 @@ TEST_F(BadLightMap, UnknownDisplay) {
   expect(Code::invalid, "no such display");
 }
 TEST_F(BadLightMap, RegionOutsideTheSensor) {
-  map_.region.x = 1;
+  map_.region.x = 201;
   expect(Code::invalid, "not within the sensor of 320 x 320 px");
 }
 TEST_F(BadLightMap, RegionOverflows) {
