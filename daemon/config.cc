@@ -39,6 +39,13 @@ Error complaint(const fs::path& file, int line, const std::string& sentence) {
   return {Code::invalid, position(file, line) + sentence};
 }
 
+/// A key as people write it: "camera.left".
+std::string dotted(std::string table, std::string_view key) {
+  table += '.';
+  table += key;
+  return table;
+}
+
 bool is_name(std::string_view name) {
   return !name.empty() && name.size() <= 32 && std::all_of(name.begin(), name.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
@@ -99,7 +106,7 @@ Result<Settings> settings_of(const toml::table& table, const fs::path& file,
   Settings settings(file.string(), name, file.parent_path().string());
   for (const auto& [key, node] : in_order(table))
     if (except.count(key) == 0)
-      settings.set(key, ALHAZEN_TRY(value_of(*node, file, name + "." + key)), line_of(*node));
+      settings.set(key, ALHAZEN_TRY(value_of(*node, file, dotted(name, key))), line_of(*node));
   return settings;
 }
 
@@ -116,7 +123,7 @@ Result<std::vector<std::pair<std::string, const toml::table*>>> tables_of(const 
   for (const auto& [name, node] : in_order(*group->as_table())) {
     if (!node->is_table())
       return complaint(file, line_of(*node),
-                       "'" + kind + "." + name + "' must be a table [" + kind + ".NAME]");
+                       "'" + dotted(kind, name) + "' must be a table [" + kind + ".NAME]");
     if (!is_name(name))
       return complaint(file, line_of(*node),
                        "name '" + name + "' must be 1 to 32 characters of a-z 0-9 _ -");
@@ -204,7 +211,7 @@ Result<std::vector<DeviceSpec>> devices_of(const toml::table& root, const std::s
                                            std::set<std::string>& names) {
   std::vector<DeviceSpec> specs;
   for (const auto& [name, table] : ALHAZEN_TRY(tables_of(root, kind, file))) {
-    const std::string label = kind + "." + name;
+    const std::string label = dotted(kind, name);
     if (!names.insert(name).second)
       return complaint(file, line_of(*table), "two devices are called '" + name + "'");
     const Settings own = ALHAZEN_TRY(settings_of(*table, file, label));
@@ -400,6 +407,7 @@ Result<std::vector<Preset>> load_presets(const fs::path& folder) {
                  "cannot list plans in " + folder.string() + ": " + trouble.message()};
   std::sort(files.begin(), files.end());
   std::vector<Preset> presets;
+  presets.reserve(files.size());
   for (const fs::path& file : files)
     presets.push_back(
         ALHAZEN_TRY(parse_preset(ALHAZEN_TRY(read_file(file, kMaxConfigBytes)), file)));

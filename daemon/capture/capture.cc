@@ -99,7 +99,7 @@ DeviceFacts facts_of(const DeviceSet& devices) {
 
 Result<Captured> capture_scan(Scan& scan, DeviceSet& devices, Clock& clock,
                               const CaptureOptions& options, Hold& hold, const CaptureHooks& hooks,
-                              std::stop_token stop) {
+                              const std::stop_token& stop) {
   if (options.queue_sets < 1 || options.queue_sets > 64)
     return Error{Code::invalid, "queue_sets is " + std::to_string(options.queue_sets) +
                                     "; it must be within [1, 64]"};

@@ -116,6 +116,6 @@ struct Captured {
 ///          released.
 [[nodiscard]] Result<Captured> capture_scan(Scan& scan, DeviceSet& devices, Clock& clock,
                                             const CaptureOptions& options, Hold& hold,
-                                            const CaptureHooks& hooks, std::stop_token stop);
+                                            const CaptureHooks& hooks, const std::stop_token& stop);
 
 }  // namespace alhazen

@@ -12,16 +12,16 @@ namespace {
 constexpr Micros kReadoutAllowance{250'000};
 
 Result<Time> show(DeviceSet& devices, const std::string& name, const Pattern& pattern,
-                  std::stop_token stop) {
+                  const std::stop_token& stop) {
   Display* display = devices.display(name);
   if (display == nullptr) return Error{Code::invalid, "there is no display '" + name + "'"};
   const DisplayInfo& info = display->info();
   if (info.width_px < 1) return Error{Code::unavailable, "display " + name + " is not open"};
-  return display->show(ALHAZEN_TRY(draw(pattern, info.width_px, info.height_px)), std::move(stop));
+  return display->show(ALHAZEN_TRY(draw(pattern, info.width_px, info.height_px)), stop);
 }
 
 /// Makes every display black that can be; the last error.
-Result<Time> all_black(DeviceSet& devices, std::stop_token stop) {
+Result<Time> all_black(DeviceSet& devices, const std::stop_token& stop) {
   Time steady{};
   for (const std::string& name : devices.names(DeviceKind::display)) {
     if (devices.display(name)->info().width_px < 1) continue;  // never was open
@@ -32,7 +32,8 @@ Result<Time> all_black(DeviceSet& devices, std::stop_token stop) {
 
 Result<std::vector<PreviewFrame>> expose(DeviceSet& devices, Clock& clock,
                                          const std::vector<std::string>& names,
-                                         const PreviewRequest& request, std::stop_token stop) {
+                                         const PreviewRequest& request,
+                                         const std::stop_token& stop) {
   Time ended = clock.now();
   Micros readout{0};
   std::vector<std::string> triggered;
@@ -70,7 +71,7 @@ Result<std::vector<PreviewFrame>> expose(DeviceSet& devices, Clock& clock,
 
 Result<std::vector<PreviewFrame>> take_preview(DeviceSet& devices, Clock& clock,
                                                const PreviewRequest& request,
-                                               std::stop_token stop) {
+                                               const std::stop_token& stop) {
   const std::vector<std::string> names =
       request.cameras.empty() ? devices.names(DeviceKind::camera) : request.cameras;
   for (const std::string& name : names)

@@ -31,6 +31,6 @@ struct PreviewFrame {
 /// retakes. Caller: rig lane. Fails: invalid (no such device, out of range), as the devices do.
 [[nodiscard]] Result<std::vector<PreviewFrame>> take_preview(DeviceSet& devices, Clock& clock,
                                                              const PreviewRequest& request,
-                                                             std::stop_token stop);
+                                                             const std::stop_token& stop);
 
 }  // namespace alhazen

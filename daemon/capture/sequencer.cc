@@ -93,7 +93,7 @@ Captured Sequencer::done() const {
 Status Sequencer::prepare() {
   // A display that no step needs must be dark, but is no reason to refuse the scan.
   for (std::size_t i = displays_.size(); i-- > plan_.displays.size();) {
-    const Status dark = show(displays_[i], kBlack);
+    Status dark = show(displays_[i], kBlack);
     if (dark) continue;
     if (dark.error().code == Code::cancelled) return dark;
     warn("display " + displays_[i].name +
@@ -174,6 +174,7 @@ Status Sequencer::take_display(const Step& first, std::vector<int> cameras) {
 Status Sequencer::capture(const Step& step, const Pattern& next, std::vector<int>& cameras) {
   ShotSet set{step, {}, {}};
   std::vector<Try> tries;
+  tries.reserve(cameras.size());
   for (const int camera : cameras) tries.push_back({camera, {}, {}, {}});
   for (int number = 1; !tries.empty(); ++number) {
     Time deadline{};
@@ -241,7 +242,7 @@ Status Sequencer::expose(const Step& step, const Pattern& next, std::vector<Try>
   if (!clock_.sleep_until(ended, stop_)) return stop_requested();
   // The next picture settles while the frames of this one are still in transfer. Where that fails
   // the frames are collected all the same: no camera may be left with one pending.
-  const Status shown = show(display, next);
+  Status shown = show(display, next);
   if (shown || shown.error().code == Code::cancelled) return shown;
   ShotSet dropped;
   ALHAZEN_TRY(collect(step, kRetakes + 1, deadline, tries, dropped));

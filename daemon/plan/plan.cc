@@ -72,6 +72,7 @@ Result<PlanChoices> choices_of(const ScanRequest& request, const std::vector<Pre
   });
   if (preset == presets.end()) {
     std::vector<std::string> names;
+    names.reserve(presets.size());
     for (const Preset& candidate : presets) names.push_back(candidate.name);
     return invalid("plan.preset", "'" + request.preset + "'", "one of: " + list_of(names));
   }
@@ -137,6 +138,7 @@ Result<std::vector<Stop>> stops_of(const PlanChoices& choices,
                            shown((table->min_rad + kRunUpRad) / kRadPerDeg) + ", " +
                            shown(table->max_rad / kRadPerDeg) + "]");
   std::vector<Stop> stops;
+  stops.reserve(angles_rad.size());
   for (const double angle : angles_rad) stops.push_back({static_cast<int>(stops.size()), angle});
   return stops;
 }
@@ -147,6 +149,7 @@ Result<std::vector<std::string>> names_of(const std::string& key,
                                           const std::optional<std::vector<std::string>>& wanted,
                                           const std::vector<Model>& models) {
   std::vector<std::string> known;
+  known.reserve(models.size());
   for (const Model& model : models) known.push_back(model.name);
   if (!wanted) {
     if (known.empty()) return Error{Code::invalid, "the rig has no " + key};
