@@ -573,7 +573,7 @@ TEST_F(CaptureTest, CancelledAtAnyDeviceCallItStopsCleanlyAndResumes) {
       EXPECT_EQ(captured.error().code, Code::cancelled);
       EXPECT_TRUE(fake_->is_dark());
     }
-    EXPECT_EQ(thread_count(), threads);
+    EXPECT_LE(thread_count(), threads);
     const auto resumed = capture(plan());
     ASSERT_TRUE(resumed) << resumed.error().text();
     EXPECT_THAT(*Scan::open(folder_)->light_maps(), SizeIs(2));
