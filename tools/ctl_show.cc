@@ -46,6 +46,7 @@ const std::vector<std::string>& columns_of(std::string_view verb) {
       {"scan.list", {"id", "state", "object", "created_at", "stacks", "level", "job"}},
       {"device.list", {"name", "kind", "state", "use", "trouble"}},
       {"plan.list", {"name", "summary"}},
+      {"status", {"id", "kind", "state", "scan", "elapsed_s", "remaining_s", "retakes"}},
   };
   static const std::vector<std::string> kAll;
   const auto found = kColumns.find(verb);

@@ -145,7 +145,9 @@ void say_end(const json& job, Picture& picture) {
   if (const auto files = result->find("files"); files != result->end())
     for (const auto& [name, file] : files->items()) {
       const std::string path = file.get<std::string>();
-      picture.say(name + ": " + (path.starts_with('/') ? path : directory + "/" + path));
+      std::string line = name + ": ";
+      if (!path.starts_with('/')) line += directory + "/";
+      picture.say(line + path);
     }
   if (const auto checks = result->find("checks"); checks != result->end())
     for (const json& row : *checks)
@@ -188,10 +190,10 @@ Result<int> watch_job(Client& client, const std::string& job, const WatchOptions
     constexpr milliseconds kAskEvery{1000};
     steady_clock::time_point ask_at;
     std::string waiting_for;
+    std::string goes_on = "job " + job;
+    goes_on.append(" goes on; alhazenctl job abort ").append(job).append(" ends it");
     while (true) {
-      if (interrupted != 0)
-        return Error{Code::cancelled,
-                     "job " + job + " goes on; alhazenctl job abort " + job + " ends it"};
+      if (interrupted != 0) return Error{Code::cancelled, goes_on};
       bool ended = false;
       const auto event = ALHAZEN_TRY(client.next_event(milliseconds(250)));
       if (event) {

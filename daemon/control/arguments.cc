@@ -241,8 +241,10 @@ Result<json> check_arguments(const std::vector<Argument>& arguments, const json&
                      [&](const Argument& known) { return known.name == key; })) {
       std::string all;
       for (const Argument& known : arguments) all += (all.empty() ? "" : ", ") + known.name;
-      return Error{Code::invalid, "unknown key " + here + "." + key + "; " +
-                                      (all.empty() ? "no key is known here" : "known: " + all)};
+      std::string complaint = "unknown key ";
+      complaint.append(here).append(".").append(key).append("; ");
+      complaint += all.empty() ? "no key is known here" : "known: " + all;
+      return Error{Code::invalid, std::move(complaint)};
     }
   }
   json checked = json::object();

@@ -104,7 +104,7 @@ Status bind(zmq::socket_t& socket, const std::string& endpoint, std::vector<std:
   ALHAZEN_TRY(prepare(endpoint));
   // The socket file for owner and group alone, whatever the umask says.
   const mode_t before = umask(0117);
-  const Status bound = caught(Code::unavailable, "cannot bind", [&] { socket.bind(endpoint); });
+  Status bound = caught(Code::unavailable, "cannot bind", [&] { socket.bind(endpoint); });
   umask(before);
   if (bound && endpoint.starts_with(kIpc)) files.push_back(endpoint.substr(kIpc.size()));
   return bound;

@@ -87,10 +87,10 @@ class Jobs {
   [[nodiscard]] Result<Submitted> submit_preview(Args args);
 
   // Fail: invalid (unknown job), conflict (wrong state; names it), unsupported (cannot pause).
-  Status pause(std::string_view job, HoldAt at);
-  Status resume(std::string_view job);
-  Status stop(std::string_view job);
-  Status abort(std::string_view job);
+  Status pause(std::string_view id, HoldAt at);
+  Status resume(std::string_view id);
+  Status stop(std::string_view id);
+  Status abort(std::string_view id);
 
   /// Lets a queue go on that an error has stopped. True: it had been stopped.
   bool start_queue();

@@ -97,7 +97,7 @@ void RigRoom::close() {
 Result<std::shared_ptr<const json>> check_rig(RigRoom& room, const Rig& rig,
                                               const fs::path& rig_file,
                                               const fs::path& data_directory,
-                                              std::stop_token stop) {
+                                              const std::stop_token& stop) {
   DeviceSet& devices = room.devices();
   Checks checks;
   for (const DeviceDescription& before : devices.describe()) {

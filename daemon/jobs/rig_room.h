@@ -53,7 +53,7 @@ class RigRoom {
 /// Fails: cancelled. Caller: rig lane.
 [[nodiscard]] Result<std::shared_ptr<const nlohmann::json>> check_rig(
     RigRoom& room, const Rig& rig, const std::filesystem::path& rig_file,
-    const std::filesystem::path& data_directory, std::stop_token stop);
+    const std::filesystem::path& data_directory, const std::stop_token& stop);
 
 /// Work of the job `preview`: takes a picture of each camera and renames it into `folder` as
 /// CAMERA.png; `say` hears of each.

@@ -276,7 +276,8 @@ Ended run_reconstruction(const std::string& job, const fs::path& scan_directory,
                          const ReconstructionChoices& choices, const std::string& job_record,
                          EventQueue& events, Lane& lane, std::stop_token stop) {
   Teller teller(job, events, lane);
-  const Run run{stop, [&teller](std::string_view stage, double share) { teller(stage, share); }};
+  const Run run{std::move(stop),
+                [&teller](std::string_view stage, double share) { teller(stage, share); }};
   const auto reconstruct = [&]() -> Result<std::shared_ptr<const json>> {
     std::error_code error;
     fs::create_directories(choices.output, error);
