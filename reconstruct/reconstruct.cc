@@ -1,7 +1,5 @@
 #include "reconstruct/reconstruct.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -18,6 +16,7 @@
 #include "reconstruct/surface/signed_distance.h"
 #include "reconstruct/vote/depth.h"
 #include "reconstruct/vote/observations.h"
+#include "reconstruct/vote/parallel.h"
 #include "reconstruct/vote/voter.h"
 
 namespace alhazen {
@@ -273,7 +272,7 @@ void check_observed(const Solved& solved, const Depths& depths, const LeafFacts&
                     Mesh& mesh) {
   const Octree& octree = solved.octree;
   const double edge_mm = octree.volume().edge_mm / (1 << octree.finest_level());
-  tbb::parallel_for(std::size_t{0}, mesh.vertices_mm.size(), [&](std::size_t v) {
+  for_each_index(mesh.vertices_mm.size(), [&](std::size_t v) {
     if (mesh.observed[v] == 0) return;
     const Eigen::Vector3d& p = mesh.vertices_mm[v];
     double nearest2 = edge_mm * edge_mm;

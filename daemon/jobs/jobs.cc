@@ -632,8 +632,19 @@ void Jobs::start_compute(Entry& entry, std::function<Ended()> work) {
 
 void Jobs::fail(Entry& entry, Error error) {
   change(entry, JobState::running);
-  entry.rig_error = std::move(error);
+  take_rig_error(entry, std::move(error));
   finish_if_over(entry);
+}
+
+void Jobs::take_rig_error(Entry& entry, Error error) {
+  // A rig that failed would fail the next scan, too; a mesh that could not be made says nothing of
+  // the rig. Held now, not when the job is over: the rig is free while the votes are still counted.
+  if (entry.job.kind == JobKind::scan && entry.ending == Ending::none &&
+      on_error_of(entry.job) == "stop") {
+    held_by_ = entry.job.id;
+    queue_held_ = "job " + held_by_ + " is " + std::string(name_of(end_state(error)));
+  }
+  entry.rig_error = std::move(error);
 }
 
 // Changing ---------------------------------------------------------------------------------------
@@ -706,14 +717,8 @@ void Jobs::finish_if_over(Entry& entry) {
   if (troubled)
     log_.write(Severity::error,
                "job " + entry.job.id + " is " + std::string(name_of(to)) + ": " + error->text());
-  // A rig that failed would fail the next scan, too; a mesh that could not be made says nothing of
-  // the rig.
-  if (troubled && entry.rig_error && entry.job.kind == JobKind::scan &&
-      on_error_of(entry.job) == "stop") {
-    held_by_ = entry.job.id;
-    queue_held_ = "job " + held_by_ + " is " + std::string(name_of(to));
-  }
   change(entry, to);
+  if (to == JobState::cancelled && held_by_ == entry.job.id) start_queue();
 }
 
 // Hearing ----------------------------------------------------------------------------------------
@@ -801,7 +806,7 @@ void Jobs::on(Entry& entry, const Ended& ended) {
     rig_busy_ = false;
     entry.on_rig = false;
     if (!ended.status) {
-      entry.rig_error = ended.status.error();
+      take_rig_error(entry, ended.status.error());
       // The compute lane need not begin what cannot be finished.
       entry.wants_compute = false;
     }

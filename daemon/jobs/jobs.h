@@ -164,6 +164,8 @@ class Jobs {
   void start_rig(Entry& entry, std::function<Ended()> work);
   void start_compute(Entry& entry, std::function<Ended()> work);
   void fail(Entry& entry, Error error);
+  /// Keeps why the rig failed, and holds the queue where the job asks for that.
+  void take_rig_error(Entry& entry, Error error);
   [[nodiscard]] Result<ReconstructionChoices> choices_of(const Job& job) const;
   [[nodiscard]] std::filesystem::path output_of(const Job& job) const;
   [[nodiscard]] Result<Submitted> submit(JobKind kind, std::string scan, Args args);

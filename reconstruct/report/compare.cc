@@ -1,9 +1,5 @@
 #include "reconstruct/report/compare.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <atomic>
@@ -13,6 +9,7 @@
 #include <string>
 
 #include "reconstruct/report/triangle_tree.h"
+#include "reconstruct/surface/blocks.h"
 
 namespace alhazen {
 namespace {
@@ -23,13 +20,14 @@ constexpr double kDegree = std::numbers::pi / 180;
 /// Runs body(i) for every i on all threads; false where it was stopped on the way.
 template <class Body>
 bool for_each(std::size_t count, const Run& run, const Body& body) {
+  constexpr std::size_t kPoints = 256;  // a task's: well under a millisecond
   std::atomic<bool> is_stopped{false};
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 256),
-                    [&](const tbb::blocked_range<std::size_t>& range) {
-                      if (run.stopped()) is_stopped = true;
-                      if (is_stopped) return;
-                      for (std::size_t i = range.begin(); i < range.end(); ++i) body(i);
-                    });
+  for_each_index((count + kPoints - 1) / kPoints, [&](std::size_t task) {
+    if (run.stopped()) is_stopped = true;
+    if (is_stopped) return;
+    const std::size_t end = std::min(count, (task + 1) * kPoints);
+    for (std::size_t i = task * kPoints; i < end; ++i) body(i);
+  });
   return !is_stopped;
 }
 
@@ -115,7 +113,7 @@ class Sides {
                             static_cast<std::uint32_t>(3 * t + k)};
       }
     }
-    tbb::parallel_sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) {
+    std::sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) {
       return a.ends != b.ends ? a.ends < b.ends : a.side < b.side;
     });
     neighbour_.resize(3 * triangles);

@@ -1,7 +1,6 @@
 #include "reconstruct/vote/depth.h"
 
 #include <tbb/enumerable_thread_specific.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <atomic>
@@ -9,6 +8,7 @@
 
 #include "alhazen/check.h"
 #include "reconstruct/vote/gather.h"
+#include "reconstruct/vote/parallel.h"
 #include "reconstruct/vote/voter.h"
 
 namespace alhazen {
@@ -137,7 +137,7 @@ Result<std::vector<DepthSample>> refine_depth(
   const double residual_gate_rad =
       std::max(options.max_residual_rad, options.max_residual_noises * noise_rad);
   std::atomic<std::size_t> done = 0;
-  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+  for_each_index(groups.size(), [&](std::size_t g) {
     if (run.stopped()) return;
     Working& mine = working.local();
     const LeafGroup& group = groups[g];

@@ -1,12 +1,10 @@
 #include "reconstruct/vote/octree.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <cmath>
 
 #include "alhazen/check.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {
@@ -59,7 +57,7 @@ std::uint64_t cells_of(int level) { return std::uint64_t{1} << (3 * (kMax - leve
 template <class Body>
 void for_blocks(std::size_t count, const Body& body) {
   const std::size_t blocks = (count + kBlock - 1) / kBlock;
-  tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t block) {
+  for_each_index(blocks, [&](std::size_t block) {
     body(block, block * kBlock, std::min(count, (block + 1) * kBlock));
   });
 }
@@ -70,7 +68,7 @@ std::vector<T> joined(std::vector<std::vector<T>> parts) {
   std::vector<std::size_t> start(parts.size() + 1, 0);
   for (std::size_t i = 0; i < parts.size(); ++i) start[i + 1] = start[i] + parts[i].size();
   std::vector<T> all(start.back());
-  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t i) {
+  for_each_index(parts.size(), [&](std::size_t i) {
     std::copy(parts[i].begin(), parts[i].end(),
               all.begin() + static_cast<std::ptrdiff_t>(start[i]));
     std::vector<T>().swap(parts[i]);

@@ -1,10 +1,11 @@
 #include "reconstruct/vote/voter.h"
 
 #include <tbb/enumerable_thread_specific.h>
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
+
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {
@@ -109,7 +110,7 @@ Result<NormalField> Voter::vote(const Octree& octree, const VotedBefore* before,
   const std::vector<LeafGroup> groups =
       groups_of(octree, leaves, Gatherer::max_reach_mm(observations_, octree.volume().centre_mm));
   std::atomic<std::size_t> done = 0;
-  tbb::parallel_for(std::size_t{0}, groups.size(), [&](std::size_t g) {
+  for_each_index(groups.size(), [&](std::size_t g) {
     if (run.stopped()) return;
     Working& mine = working.local();
     const LeafGroup& group = groups[g];
