@@ -110,7 +110,7 @@ int finish(const Status& status) {
 }  // namespace alhazen
 
 int main(int argc, char** argv) {
-  using namespace alhazen;  // NOLINT(google-build-using-namespace): the tool is part of it
+  using namespace alhazen;
   CLI::App app{"What is true about a simulated world: its surface, its rig, its pictures."};
   app.require_subcommand(1);
   WorldFlags world;

@@ -80,8 +80,7 @@ Status Writer::finish() {
 void Writer::run() {
   // No stop token: after a stop, what has been handed over is still made safe where it is complete.
   while (auto item = queue_.pop({})) {
-    outcome_ =
-        std::visit([this](auto&& part) { return handle(std::move(part)); }, *std::move(item));
+    outcome_ = std::visit([this](auto& part) { return handle(std::move(part)); }, *item);
     if (outcome_) continue;
     queue_.close();
     failed_.request_stop();

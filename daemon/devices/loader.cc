@@ -17,7 +17,7 @@ bool is_driver_name(std::string_view name) {
 }
 
 std::string last_dl_error() {
-  const char* text = dlerror();  // NOLINT(concurrency-mt-unsafe): glibc keeps it per thread
+  const char* text = dlerror();  // glibc keeps it per thread
   return text != nullptr ? text : "no reason given";
 }
 

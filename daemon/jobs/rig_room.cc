@@ -141,9 +141,9 @@ Result<std::shared_ptr<const json>> check_rig(RigRoom& room, const Rig& rig,
 Result<std::shared_ptr<const json>> take_pictures(RigRoom& room, const PreviewRequest& request,
                                                   const fs::path& folder,
                                                   const std::function<void(Noted)>& say,
-                                                  std::stop_token stop) {
+                                                  const std::stop_token& stop) {
   const std::vector<PreviewFrame> frames =
-      ALHAZEN_TRY(take_preview(room.devices(), room.clock(), request, std::move(stop)));
+      ALHAZEN_TRY(take_preview(room.devices(), room.clock(), request, stop));
   std::error_code error;
   fs::create_directories(folder, error);
   if (error)

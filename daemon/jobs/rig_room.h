@@ -60,6 +60,6 @@ class RigRoom {
 /// Fails: as take_preview() and write_image(). Caller: rig lane.
 [[nodiscard]] Result<std::shared_ptr<const nlohmann::json>> take_pictures(
     RigRoom& room, const PreviewRequest& request, const std::filesystem::path& folder,
-    const std::function<void(Noted)>& say, std::stop_token stop);
+    const std::function<void(Noted)>& say, const std::stop_token& stop);
 
 }  // namespace alhazen

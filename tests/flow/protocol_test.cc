@@ -35,7 +35,7 @@ std::vector<Wrong> wrong_requests() {
   return {
       // The message.
       {"", "invalid", "not JSON"},
-      {"\xff\xfe\x00\x01", "invalid", "not JSON"},
+      {std::string("\xff\xfe\x00\x01", 4), "invalid", "not JSON"},
       {"GET / HTTP/1.1\r\n\r\n", "invalid", "not JSON"},
       {"{\"v\":1,", "invalid", "not JSON"},
       {"[]", "invalid", "must be an object"},

@@ -82,7 +82,7 @@ void wait_until_ready(TestClient& client) {
 
 TEST(Restart, AStoppedScanGoesOnInAnotherDaemon) {
   const TestSite site;
-  for (const std::size_t k : {1, 7, 17}) {
+  for (const std::size_t k : {1U, 7U, 17U}) {
     Json submitted;
     {
       TestDaemon daemon(site);

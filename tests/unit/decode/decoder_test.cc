@@ -46,9 +46,9 @@ TEST(Decoder, EveryDisplayDecodesItself) {
     EXPECT_EQ(map.key, kKey);
     EXPECT_EQ(map.angle_rad, 0.5);
     ASSERT_EQ(map.u_px.size(), map.size_px());
+    std::size_t i = 0;
     for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const auto i = static_cast<std::size_t>(y * width + x);
+      for (int x = 0; x < width; ++x, ++i) {
         ASSERT_EQ(map.label[i], Label::mirror) << x << " " << y;
         ASSERT_EQ(map.u_px[i], static_cast<float>(x));
         ASSERT_EQ(map.v_px[i], static_cast<float>(y));
@@ -251,7 +251,8 @@ std::vector<Image> noise_frames(std::size_t count, const Region& region) {
   std::minstd_rand random(9);
   std::vector<Image> frames;
   for (std::size_t i = 0; i < count; ++i) {
-    std::vector<std::uint8_t> pixels(static_cast<std::size_t>(region.width * region.height));
+    std::vector<std::uint8_t> pixels(static_cast<std::size_t>(region.width) *
+                                     static_cast<std::size_t>(region.height));
     for (std::uint8_t& dn : pixels) dn = static_cast<std::uint8_t>(random() >> 16);
     frames.push_back(Image::copy<std::uint8_t>(region.width, region.height, 8, pixels));
   }

@@ -133,6 +133,7 @@ TEST_F(RealFrames, AgreeWithOpenCvWhereverBothDecode) {
   const auto opencv =
       cv::structured_light::GrayCodePattern::create(kDisplayWidth_px, kDisplayHeight_px);
   std::vector<cv::Mat> pictures;
+  pictures.reserve(kWhite);
   for (int number = 0; number < kWhite; ++number) pictures.push_back(picture(number));
   std::size_t equal = 0, inside_cell = 0;
   for (int y = 0; y < map_.region.height; ++y) {

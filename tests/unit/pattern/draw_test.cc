@@ -66,9 +66,9 @@ TEST(Draw, PicturesOfAnySizeSpellEveryPosition) {
       ASSERT_EQ(pictures.back().image.width(), width);
       ASSERT_EQ(pictures.back().image.height(), height);
     }
+    std::size_t pixel = 0;
     for (int v = 0; v < height; ++v) {
-      for (int u = 0; u < width; ++u) {
-        const auto pixel = static_cast<std::size_t>(v * width + u);
+      for (int u = 0; u < width; ++u, ++pixel) {
         ASSERT_EQ(read_position(pictures, Axis::u, pixel), u);
         ASSERT_EQ(read_position(pictures, Axis::v, pixel), v);
       }

@@ -115,11 +115,11 @@ TEST(Slice, ShowsTheMiddle) {
   ASSERT_EQ(slice.width, 32);
   ASSERT_EQ(slice.height, 32);
   const double cell_mm = 2;
+  std::size_t cell = 0;
   for (int row = 0; row < 32; ++row) {
-    for (int column = 0; column < 32; ++column) {
+    for (int column = 0; column < 32; ++column, ++cell) {
       // Leaf centres of the layer beside the middle.
       const Vector3d d((column - 15.5) * cell_mm, cell_mm / 2, (15.5 - row) * cell_mm);
-      const auto cell = static_cast<std::size_t>(row * 32 + column);
       EXPECT_EQ(slice.inside[cell] > 0.5F, d.norm() < kRadius_mm);
       const double depth = kRadius_mm - d.norm();
       EXPECT_NEAR(static_cast<double>(slice.consistency[cell]), std::exp(-depth * depth / 4), 1e-6);
