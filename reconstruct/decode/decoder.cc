@@ -1,5 +1,7 @@
 #include "reconstruct/decode/decoder.h"
 
+#include <hwy/cache_control.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -17,6 +19,8 @@ namespace alhazen {
 namespace {
 
 using decode::kMaxBits;
+using decode::kMaxPairsAtOnce;
+using decode::kNoiseSquareToSigma;
 using decode::kPlaneBytes;
 using decode::kPlanesPerBit;
 using decode::kTile_px;
@@ -52,7 +56,15 @@ Status in_range(const char* name, double value, double lowest, double highest) {
 /// Two frames that are compared with each other, and where the result goes.
 struct Pair {
   std::optional<Image> first, second;  ///< white and black, or pattern and inverse
+  std::size_t plane = 0;               ///< where its bits go in every tile, for patterns
   bool folded = false;
+
+  [[nodiscard]] bool is_ready() const noexcept { return first && second; }
+  void set_folded() {
+    first.reset();
+    second.reset();
+    folded = true;
+  }
 };
 
 }  // namespace
@@ -76,20 +88,22 @@ struct Decoder::State {
   std::size_t tiles = 0;
   Pair contrast_pair;
   std::array<std::array<std::optional<Pair>, kMaxBits>, 2> gray_pairs;  ///< by axis and bit
-  /// Of tiles · kTile_px pixels in the frames' format. Raw memory, for all of it is written before
-  /// it is read, and filling it first would cost as much as decoding.
-  std::unique_ptr<std::byte[]> contrast, threshold;
+  PixelList<std::byte> contrast;  ///< of tiles · kTile_px pixels in the frames' format
   std::size_t tile_planes = 0;
-  std::unique_ptr<std::uint8_t[]> planes;  ///< tiles · tile_planes · kPlaneBytes
+  PixelList<std::uint8_t> planes;  ///< tiles · tile_planes · kPlaneBytes
 
   [[nodiscard]] Pair* pair_of(const Pattern& pattern);
   [[nodiscard]] Status check(const Pattern& pattern, const Image& image) const;
   void fold_contrast();
-  void fold(const Pattern& pattern, Pair& pair);
-  template <class Dn, class Work>
-  void for_each_tile(const Pair& pair, const Work& work) const;
-  [[nodiscard]] std::uint8_t* planes_of(std::size_t tile) const {
-    return planes.get() + tile * tile_planes * kPlaneBytes;
+  template <class Dn, class Kernel>
+  void fold_contrast_as(const Kernel& kernel);
+  /// Folds the pairs that are there, but only as many together as can be, or the last ones.
+  void fold_pairs();
+  template <class Dn, class Kernel>
+  void fold_as(std::span<Pair* const> ready, const Kernel& kernel);
+  [[nodiscard]] std::size_t tile_bytes() const noexcept { return tile_planes * kPlaneBytes; }
+  [[nodiscard]] std::uint8_t* planes_of(std::size_t tile) {
+    return planes.data() + tile * tile_bytes();
   }
 };
 
@@ -120,64 +134,98 @@ Status Decoder::State::check(const Pattern& pattern, const Image& image) const {
   return {};
 }
 
-/// Calls work(tile, first, second) with the tile's pixels of both frames; the last tile is padded.
-template <class Dn, class Work>
-void Decoder::State::for_each_tile(const Pair& pair, const Work& work) const {
-  const auto* first = reinterpret_cast<const Dn*>(pair.first->bytes().data());
-  const auto* second = reinterpret_cast<const Dn*>(pair.second->bytes().data());
-  const std::size_t whole = map.size_px() / kTile_px, rest_px = map.size_px() % kTile_px;
-  for (std::size_t tile = 0; tile < whole; ++tile) {
-    work(tile, first + tile * kTile_px, second + tile * kTile_px);
-  }
-  if (rest_px == 0) return;
-  std::array<Dn, kTile_px> last_first{}, last_second{};
-  std::copy_n(first + whole * kTile_px, rest_px, last_first.begin());
-  std::copy_n(second + whole * kTile_px, rest_px, last_second.begin());
-  work(whole, last_first.data(), last_second.data());
+/// The pixels of the last tile of a frame, padded.
+template <class Dn>
+std::array<Dn, kTile_px> last_tile(const Dn* frame, std::size_t size_px) {
+  std::array<Dn, kTile_px> tile{};
+  const std::size_t rest_px = size_px % kTile_px;
+  std::copy_n(frame + size_px - rest_px, rest_px, tile.begin());
+  return tile;
 }
 
-void Decoder::State::fold(const Pattern& pattern, Pair& pair) {
-  if (pair.folded || !pair.first || !pair.second || !contrast_pair.folded) return;
-  const decode::Kernels& kernels = decode::vector_kernels();
-  const decode::AxisBits& axis = pattern.axis == Axis::u ? final_rule.u : final_rule.v;
-  const std::size_t plane =
-      axis.first_plane + static_cast<std::size_t>(pattern.bit - axis.lowest) * kPlanesPerBit;
-  const auto fold_as = [&]<class Dn>(Dn, const auto& kernel) {
-    const auto* limit = reinterpret_cast<const Dn*>(threshold.get());
-    for_each_tile<Dn>(pair, [&](std::size_t tile, const Dn* first, const Dn* second) {
-      kernel(first, second, limit + tile * kTile_px, kTile_px,
-             planes_of(tile) + plane * kPlaneBytes);
-    });
+template <class Dn>
+const Dn* pixels_of(const Image& image) {
+  return reinterpret_cast<const Dn*>(image.bytes().data());
+}
+
+template <class Dn, class Kernel>
+void Decoder::State::fold_contrast_as(const Kernel& kernel) {
+  const auto* white = pixels_of<Dn>(*contrast_pair.first);
+  const auto* black = pixels_of<Dn>(*contrast_pair.second);
+  auto* difference = reinterpret_cast<Dn*>(contrast.data());
+  const std::size_t whole = map.size_px() / kTile_px;
+  const auto planes_from = [&](std::size_t tile) {
+    return planes_of(tile) + final_rule.saturated_plane * kPlaneBytes;
   };
-  if (*format == PixelFormat::mono8) {
-    fold_as(std::uint8_t{}, kernels.pair8);
-  } else {
-    fold_as(std::uint16_t{}, kernels.pair16);
+  kernel(contrast_rule, white, black, whole, tile_bytes(), difference, planes_from(0));
+  if (whole == tiles) return;
+  const auto last_white = last_tile(white, map.size_px());
+  const auto last_black = last_tile(black, map.size_px());
+  kernel(contrast_rule, last_white.data(), last_black.data(), 1, tile_bytes(),
+         difference + whole * kTile_px, planes_from(whole));
+}
+
+template <class Dn, class Kernel>
+void Decoder::State::fold_as(std::span<Pair* const> ready, const Kernel& kernel) {
+  ALHAZEN_CHECK(ready.size() <= kMaxPairsAtOnce);
+  const auto* difference = reinterpret_cast<const Dn*>(contrast.data());
+  const std::size_t whole = map.size_px() / kTile_px;
+  std::array<decode::FramePair<Dn>, kMaxPairsAtOnce> list;
+  for (std::size_t k = 0; k < ready.size(); ++k) {
+    list[k] = {pixels_of<Dn>(*ready[k]->first), pixels_of<Dn>(*ready[k]->second),
+               planes_of(0) + ready[k]->plane * kPlaneBytes};
   }
-  pair = {.first = {}, .second = {}, .folded = true};
+  kernel(contrast_rule, difference, std::span(list).first(ready.size()), whole, tile_bytes());
+  if (whole == tiles) return;
+  for (std::size_t k = 0; k < ready.size(); ++k) {
+    const auto pattern = last_tile(list[k].pattern, map.size_px());
+    const auto inverse = last_tile(list[k].inverse, map.size_px());
+    const decode::FramePair<Dn> last{pattern.data(), inverse.data(),
+                                     planes_of(whole) + ready[k]->plane * kPlaneBytes};
+    kernel(contrast_rule, difference + whole * kTile_px, std::span(&last, 1), 1, tile_bytes());
+  }
 }
 
 void Decoder::State::fold_contrast() {
-  if (contrast_pair.folded || !contrast_pair.first || !contrast_pair.second) return;
+  if (contrast_pair.folded || !contrast_pair.is_ready()) return;
   const decode::Kernels& kernels = decode::vector_kernels();
-  const std::size_t list_bytes = tiles * kTile_px * bytes_per_pixel(*format);
-  contrast.reset(new std::byte[list_bytes]);
-  threshold.reset(new std::byte[list_bytes]);
-  planes.reset(new std::uint8_t[tiles * tile_planes * kPlaneBytes]);
-  const auto fold_as = [&]<class Dn>(Dn, const auto& kernel) {
-    auto* difference = reinterpret_cast<Dn*>(contrast.get());
-    auto* limit = reinterpret_cast<Dn*>(threshold.get());
-    for_each_tile<Dn>(contrast_pair, [&](std::size_t tile, const Dn* white, const Dn* black) {
-      kernel(contrast_rule, white, black, kTile_px, difference + tile * kTile_px,
-             limit + tile * kTile_px, planes_of(tile) + final_rule.saturated_plane * kPlaneBytes);
-    });
-  };
+  contrast.resize(tiles * kTile_px * bytes_per_pixel(*format));
+  planes.resize(tiles * tile_bytes());
   if (*format == PixelFormat::mono8) {
-    fold_as(std::uint8_t{}, kernels.contrast8);
+    fold_contrast_as<std::uint8_t>(kernels.contrast8);
   } else {
-    fold_as(std::uint16_t{}, kernels.contrast16);
+    fold_contrast_as<std::uint16_t>(kernels.contrast16);
   }
-  contrast_pair = {.first = {}, .second = {}, .folded = true};
+  contrast_pair.set_folded();
+}
+
+void Decoder::State::fold_pairs() {
+  if (!contrast_pair.folded) return;
+  std::vector<Pair*> ready;
+  bool is_last = true;
+  for (auto& axis : gray_pairs) {
+    for (std::optional<Pair>& pair : axis) {
+      if (!pair || pair->folded) continue;
+      if (pair->is_ready()) {
+        ready.push_back(&*pair);
+      } else {
+        is_last = false;
+      }
+    }
+  }
+  const decode::Kernels& kernels = decode::vector_kernels();
+  for (std::size_t done = 0; done < ready.size(); done += kMaxPairsAtOnce) {
+    const std::size_t count = std::min(kMaxPairsAtOnce, ready.size() - done);
+    if (count < kMaxPairsAtOnce && !is_last) break;
+    const std::span<Pair* const> some(ready.data() + done, count);
+    if (*format == PixelFormat::mono8) {
+      fold_as<std::uint8_t>(some, kernels.pairs8);
+    } else {
+      fold_as<std::uint16_t>(some, kernels.pairs16);
+    }
+    for (Pair* pair : some) pair->set_folded();
+  }
+  hwy::FlushStream();
 }
 
 Decoder::Decoder(std::unique_ptr<State> state) noexcept : state_(std::move(state)) {}
@@ -243,16 +291,19 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
   }
 
   state->final_rule.saturated_plane = 0;
-  state->tile_planes = 1;
+  state->tile_planes = 2;
   for (const Axis axis : {Axis::u, Axis::v}) {
     decode::AxisBits& out = axis == Axis::u ? state->final_rule.u : state->final_rule.v;
-    const auto& pairs = state->gray_pairs[static_cast<std::size_t>(axis)];
+    auto& pairs = state->gray_pairs[static_cast<std::size_t>(axis)];
     const int side_px = axis == Axis::u ? display_width_px : display_height_px;
     out.bits = gray_bits(side_px);
     while (!pairs[static_cast<std::size_t>(out.lowest)]) ++out.lowest;
     out.last_px = static_cast<std::uint16_t>(side_px - 1);
     out.first_plane = state->tile_planes;
-    state->tile_planes += static_cast<std::size_t>(out.bits - out.lowest) * kPlanesPerBit;
+    for (int bit = out.lowest; bit < out.bits; ++bit) {
+      pairs[static_cast<std::size_t>(bit)]->plane = state->tile_planes;
+      state->tile_planes += kPlanesPerBit;
+    }
   }
 
   const int full_scale = (1 << bits) - 1;
@@ -264,11 +315,11 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
   contrast_rule.noise = static_cast<std::uint16_t>(std::lround(dn(kNoiseSigmas * options.noise)));
   contrast_rule.modulation_q16 =
       static_cast<std::uint16_t>(std::lround(options.min_modulation * 65'535));
-  state->final_rule.least = contrast_rule.least;
   state->final_rule.coarsest =
       static_cast<std::uint16_t>(1U << static_cast<unsigned>(options.max_bit));
   state->final_rule.per_dn = static_cast<float>(1 / dn(1));
-  state->final_rule.noise_cells_dn = static_cast<float>(dn(kNoiseToCells * options.noise));
+  state->final_rule.noise_square =
+      static_cast<float>(std::pow(dn(kNoiseToCells * options.noise), 2)) * kNoiseSquareToSigma;
   return Decoder(std::move(state));
 }
 
@@ -281,14 +332,8 @@ Status Decoder::add(const Pattern& pattern, const Image& image) {
   if (pair.folded || place) return Error{Code::conflict, text_of(pattern) + " was there already"};
   place = image;
   state_->format = image.format();
-  if (pattern.kind != PatternKind::gray) {
-    state_->fold_contrast();
-    for (const Pattern& waiting : state_->sequence) {
-      if (waiting.kind == PatternKind::gray) state_->fold(waiting, *state_->pair_of(waiting));
-    }
-  } else {
-    state_->fold(pattern, pair);
-  }
+  if (pattern.kind != PatternKind::gray) state_->fold_contrast();
+  if (pair.folded || pair.is_ready()) state_->fold_pairs();
   return {};
 }
 
@@ -339,7 +384,7 @@ Result<LightMap> Decoder::finish() && {
                                   place(map.label, last->label),
                                   place(map.bit_u, last->bit_u),
                                   place(map.bit_v, last->bit_v)};
-    const std::byte* contrast = state.contrast.get() + first_px * bytes_per_pixel(*state.format);
+    const std::byte* contrast = state.contrast.data() + first_px * bytes_per_pixel(*state.format);
     if (*state.format == PixelFormat::mono8) {
       kernels.finish8(state.final_rule, state.planes_of(tile),
                       reinterpret_cast<const std::uint8_t*>(contrast), out);
@@ -361,6 +406,7 @@ Result<LightMap> Decoder::finish() && {
     copy(last->bit_u, map.bit_u);
     copy(last->bit_v, map.bit_v);
   }
+  hwy::FlushStream();
   return map;
 }
 

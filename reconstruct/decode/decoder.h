@@ -33,10 +33,10 @@ struct DecodeOptions {
 /// Folds the frames of one stack (camera × display × stop) into a light map as they arrive.
 /// Thread-bound.
 ///
-/// Memory: per pixel 4 bytes of contrast, 1 or 2 of threshold, 3 bits a pattern pair. Frames are
-/// not kept but for these: the first of a pair until the second is there, and all frames that come
-/// before white and black; so show white and black first, and each pattern next to its inverse.
-/// The result does not depend on the order.
+/// Memory: per pixel 1 or 2 bytes of contrast, 2 bits, 3 bits a pattern pair. Pairs are folded four
+/// at a time (one by one, contrast is read as often as two frames' quarter: a fifth of the time),
+/// so up to eight frames are held, and all that come before white and black; so show white and
+/// black first, and each pattern next to its inverse. The result does not depend on the order.
 /// Labels: mirror   every bit from the coarsest down to the finest resolved one agrees
 ///         mixed    contrast, but no such agreement, no resolved bit, or a code beyond the display
 ///         saturated  as none or mixed, and white is at full scale: a shorter exposure may help

@@ -3,21 +3,24 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "reconstruct/scan/light_map.h"
 
 namespace alhazen::decode {
 
-/// A decoder's state lies in tiles of so many pixels: what finishing needs of one tile is together
-/// and fits the first cache. Frames are folded tile by tile; the last one is padded.
-inline constexpr std::size_t kTile_px = 4096;
+/// A decoder's state lies in tiles of so many pixels, one after the other: what finishing needs of
+/// a tile is together, and a plane of it fills a line of the caches. The last tile is padded.
+inline constexpr std::size_t kTile_px = 512;
 /// Bit i % 8 of byte i / 8 of a plane belongs to pixel i of its tile.
 inline constexpr std::size_t kPlaneBytes = kTile_px / 8;
 
 /// Most bits of an axis: displays have at most 2^14 px a side.
 inline constexpr int kMaxBits = 14;
 
-/// How white and black become a threshold, in digital numbers (DN).
+/// How white and black become a threshold, in digital numbers (DN): what a difference must exceed
+/// to be resolved. It is modulation · contrast, at least the noise, and all ones where contrast is
+/// too low.
 struct ContrastRule {
   std::uint16_t full_scale = 255;
   std::uint16_t least = 1;           ///< smallest contrast of a pixel that decodes, ≥ 1
@@ -52,6 +55,9 @@ struct AxisBits {
 };
 inline constexpr std::size_t kPlanesPerBit = 3;
 
+/// Pairs that are folded together at most. A pair alone reads as much contrast as half of a frame.
+inline constexpr std::size_t kMaxPairsAtOnce = 4;
+
 /// Of a threshold: where a pixel with the largest footprint that resolves a bit, F = 3.2 cells, is
 /// a quarter of a cell from the edge, so that the edge and the cell's centre are equally good
 /// guesses of where it is: modulation 2 · ¼ / 3.2 = 0.156 = ⅝ · ¼, ¼ being the default threshold.
@@ -63,15 +69,16 @@ inline constexpr std::size_t kPlanesPerBit = 3;
 /// How planes become positions.
 struct FinalRule {
   AxisBits u, v;
-  std::size_t saturated_plane = 0;
-  std::uint16_t least = 1;     ///< as ContrastRule
-  std::uint16_t coarsest = 0;  ///< 2^max_bit
-  float per_dn = 1.0F / 255;   ///< 1 / full scale
-  float noise_cells_dn = 0;  ///< standard deviation of a position by noise · contrast, cells · DN
+  std::size_t saturated_plane = 0;  ///< the plane of enough contrast follows
+  std::uint16_t coarsest = 0;       ///< 2^max_bit
+  float per_dn = 1.0F / 255;        ///< 1 / full scale
+  /// What noise adds to a position's standard deviation · contrast², cells · DN².
+  float noise_square = 0;
 };
 
-/// Where the results of one tile go: kTile_px elements each, aligned so that they can bypass the
-/// caches.
+/// Where the results of one tile go: kTile_px elements each. What kernels write for long past the
+/// caches is aligned to kOutAlignment, and a hwy::FlushStream() must come before another thread
+/// reads it.
 inline constexpr std::size_t kOutAlignment = 64;
 struct FinalOut {
   float *u_px, *v_px, *sigma_u_px, *sigma_v_px, *contrast;
@@ -85,22 +92,32 @@ inline constexpr float kCellSigma = 0.288675135F;
 /// it leaves a bit resolved.
 inline constexpr float kNoiseSquareToSigma = 0.5F / kCellSigma;
 
-/// The loops over the pixels of one tile; `count` is at most kTile_px and a multiple of 64. Two
-/// sets exist, equal bit for bit. Reentrant.
+/// Two frames to compare, and where the planes of the first tile go, AxisBits: clear and strong
+/// follow sign, which is aligned to kOutAlignment.
+template <class Dn>
+struct FramePair {
+  const Dn *pattern = nullptr, *inverse = nullptr;
+  std::uint8_t* sign = nullptr;
+};
+
+/// The loops over the pixels of so many tiles, whose planes lie tile_bytes apart. Two sets exist,
+/// equal bit for bit. Reentrant.
 struct Kernels {
-  /// contrast ← white − black, 0 where negative; threshold ← what a difference must exceed to be
-  /// resolved, all ones where contrast is too low; saturated ← white is at full scale.
+  /// contrast ← white − black, 0 where negative, aligned to kOutAlignment; saturated ← white is at
+  /// full scale, and in the plane after it: contrast is enough.
   void (*contrast8)(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-                    std::size_t count, std::uint8_t* contrast, std::uint8_t* threshold,
+                    std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast,
                     std::uint8_t* saturated);
   void (*contrast16)(const ContrastRule& rule, const std::uint16_t* white,
-                     const std::uint16_t* black, std::size_t count, std::uint16_t* contrast,
-                     std::uint16_t* threshold, std::uint8_t* saturated);
-  /// One pair into its three planes, AxisBits; clear and strong follow sign.
-  void (*pair8)(const std::uint8_t* pattern, const std::uint8_t* inverse,
-                const std::uint8_t* threshold, std::size_t count, std::uint8_t* sign);
-  void (*pair16)(const std::uint16_t* pattern, const std::uint16_t* inverse,
-                 const std::uint16_t* threshold, std::size_t count, std::uint8_t* sign);
+                     const std::uint16_t* black, std::size_t tiles, std::size_t tile_bytes,
+                     std::uint16_t* contrast, std::uint8_t* saturated);
+  /// Pairs into their planes, several at a time: contrast and thresholds are read only once.
+  void (*pairs8)(const ContrastRule& rule, const std::uint8_t* contrast,
+                 std::span<const FramePair<std::uint8_t>> pairs, std::size_t tiles,
+                 std::size_t tile_bytes);
+  void (*pairs16)(const ContrastRule& rule, const std::uint16_t* contrast,
+                  std::span<const FramePair<std::uint16_t>> pairs, std::size_t tiles,
+                  std::size_t tile_bytes);
   /// One tile's planes and contrast → positions.
   void (*finish8)(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast,
                   const FinalOut& out);

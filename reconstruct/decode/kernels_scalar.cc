@@ -21,29 +21,39 @@ bool get_bit(const std::uint8_t* plane, std::size_t pixel) {
 }
 
 template <class Dn>
-void contrast(const ContrastRule& rule, const Dn* white, const Dn* black, std::size_t count,
-              Dn* contrast_out, Dn* threshold, std::uint8_t* saturated) {
-  for (std::size_t i = 0; i < count; ++i) {
+void contrast(const ContrastRule& rule, const Dn* white, const Dn* black, std::size_t tiles,
+              std::size_t tile_bytes, Dn* contrast_out, std::uint8_t* saturated) {
+  for (std::size_t i = 0; i < tiles * kTile_px; ++i) {
+    std::uint8_t* plane = saturated + i / kTile_px * tile_bytes;
     const Dn difference = white[i] > black[i] ? static_cast<Dn>(white[i] - black[i]) : Dn{0};
-    const std::uint32_t share = (std::uint32_t{difference} * rule.modulation_q16) >> 16;
     contrast_out[i] = difference;
-    threshold[i] = difference >= rule.least
-                       ? static_cast<Dn>(std::max<std::uint32_t>(share, rule.noise))
-                       : std::numeric_limits<Dn>::max();
-    set_bit(saturated, i, white[i] >= rule.full_scale);
+    set_bit(plane, i % kTile_px, white[i] >= rule.full_scale);
+    set_bit(plane + kPlaneBytes, i % kTile_px, difference >= rule.least);
   }
 }
 
 template <class Dn>
-void pair(const Dn* pattern, const Dn* inverse, const Dn* threshold, std::size_t count,
-          std::uint8_t* sign) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const int difference = std::abs(int{pattern[i]} - int{inverse[i]});
-    const bool is_clear = difference > threshold[i];
-    set_bit(sign, i, pattern[i] > inverse[i]);
-    set_bit(sign + kPlaneBytes, i, is_clear);
-    set_bit(sign + 2 * kPlaneBytes, i,
-            difference > (is_clear ? 2 * int{threshold[i]} : weak_threshold(threshold[i])));
+Dn threshold_of(const ContrastRule& rule, Dn contrast) {
+  if (contrast < rule.least) return std::numeric_limits<Dn>::max();
+  const std::uint32_t share = (std::uint32_t{contrast} * rule.modulation_q16) >> 16;
+  return static_cast<Dn>(std::max<std::uint32_t>(share, rule.noise));
+}
+
+template <class Dn>
+void pairs(const ContrastRule& rule, const Dn* contrast, std::span<const FramePair<Dn>> pairs,
+           std::size_t tiles, std::size_t tile_bytes) {
+  for (const FramePair<Dn>& pair : pairs) {
+    for (std::size_t i = 0; i < tiles * kTile_px; ++i) {
+      std::uint8_t* plane = pair.sign + i / kTile_px * tile_bytes;
+      const std::size_t pixel = i % kTile_px;
+      const Dn threshold = threshold_of(rule, contrast[i]);
+      const int difference = std::abs(int{pair.pattern[i]} - int{pair.inverse[i]});
+      const bool is_clear = difference > threshold;
+      set_bit(plane, pixel, pair.pattern[i] > pair.inverse[i]);
+      set_bit(plane + kPlaneBytes, pixel, is_clear);
+      set_bit(plane + 2 * kPlaneBytes, pixel,
+              difference > (is_clear ? 2 * int{threshold} : weak_threshold(threshold)));
+    }
   }
 }
 
@@ -107,22 +117,23 @@ template <class Dn>
 void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
             const FinalOut& out) {
   constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
+  const std::uint8_t* saturated = planes + rule.saturated_plane * kPlaneBytes;
   for (std::size_t i = 0; i < kTile_px; ++i) {
     const Place u = read_place(rule.u, planes, i, rule.coarsest);
     const Place v = read_place(rule.v, planes, i, rule.coarsest);
-    const bool is_enough = contrast_dn[i] >= rule.least;
+    const bool is_enough = get_bit(saturated + kPlaneBytes, i);
     const bool is_position = is_enough && u.agrees && v.agrees;
-    const float shift = rule.noise_cells_dn / static_cast<float>(contrast_dn[i]);
-    const float sigma_cells = kCellSigma + shift * shift * kNoiseSquareToSigma;
+    const auto contrast_f = static_cast<float>(contrast_dn[i]);
+    const float sigma_cells = kCellSigma + rule.noise_square / (contrast_f * contrast_f);
     out.u_px[i] = is_position ? u.centre_px : kNothing;
     out.v_px[i] = is_position ? v.centre_px : kNothing;
     out.sigma_u_px[i] = is_position ? u.width_px * sigma_cells : kNothing;
     out.sigma_v_px[i] = is_position ? v.width_px * sigma_cells : kNothing;
-    out.contrast[i] = static_cast<float>(contrast_dn[i]) * rule.per_dn;
-    out.label[i] = is_position                                               ? Label::mirror
-                   : get_bit(planes + rule.saturated_plane * kPlaneBytes, i) ? Label::saturated
-                   : is_enough                                               ? Label::mixed
-                                                                             : Label::none;
+    out.contrast[i] = contrast_f * rule.per_dn;
+    out.label[i] = is_position             ? Label::mirror
+                   : get_bit(saturated, i) ? Label::saturated
+                   : is_enough             ? Label::mixed
+                                           : Label::none;
     out.bit_u[i] = static_cast<std::uint8_t>(u.bit);
     out.bit_v[i] = static_cast<std::uint8_t>(v.bit);
   }
@@ -132,7 +143,7 @@ void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contras
 
 const Kernels& scalar_kernels() {
   static constexpr Kernels kKernels = {contrast<std::uint8_t>, contrast<std::uint16_t>,
-                                       pair<std::uint8_t>,     pair<std::uint16_t>,
+                                       pairs<std::uint8_t>,    pairs<std::uint16_t>,
                                        finish<std::uint8_t>,   finish<std::uint16_t>};
   return kKernels;
 }

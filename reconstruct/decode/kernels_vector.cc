@@ -18,22 +18,24 @@ namespace HWY_NAMESPACE {
 #if HWY_TARGET == HWY_SCALAR
 // One lane is not worth planes of bits: a processor without vectors runs the reference.
 void contrast8(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-               std::size_t count, std::uint8_t* contrast_dn, std::uint8_t* threshold,
+               std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
                std::uint8_t* saturated) {
-  scalar_kernels().contrast8(rule, white, black, count, contrast_dn, threshold, saturated);
+  scalar_kernels().contrast8(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
 }
 void contrast16(const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-                std::size_t count, std::uint16_t* contrast_dn, std::uint16_t* threshold,
+                std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
                 std::uint8_t* saturated) {
-  scalar_kernels().contrast16(rule, white, black, count, contrast_dn, threshold, saturated);
+  scalar_kernels().contrast16(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
 }
-void pair8(const std::uint8_t* pattern, const std::uint8_t* inverse, const std::uint8_t* threshold,
-           std::size_t count, std::uint8_t* sign) {
-  scalar_kernels().pair8(pattern, inverse, threshold, count, sign);
+void pairs8(const ContrastRule& rule, const std::uint8_t* contrast_dn,
+            std::span<const FramePair<std::uint8_t>> list, std::size_t tiles,
+            std::size_t tile_bytes) {
+  scalar_kernels().pairs8(rule, contrast_dn, list, tiles, tile_bytes);
 }
-void pair16(const std::uint16_t* pattern, const std::uint16_t* inverse,
-            const std::uint16_t* threshold, std::size_t count, std::uint8_t* sign) {
-  scalar_kernels().pair16(pattern, inverse, threshold, count, sign);
+void pairs16(const ContrastRule& rule, const std::uint16_t* contrast_dn,
+             std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
+             std::size_t tile_bytes) {
+  scalar_kernels().pairs16(rule, contrast_dn, list, tiles, tile_bytes);
 }
 void finish8(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
              const FinalOut& out) {
@@ -53,277 +55,376 @@ using V8 = hn::Vec<D8>;
 using V16 = hn::Vec<D16>;
 using V32 = hn::Vec<D32>;
 
-/// Lanes of small unsigned integers → lanes of float, four vectors a D8, two a D16.
-template <class V>
-HWY_INLINE V32 float_of(V half_of_16) {
-  const hn::RebindToSigned<D32> di32;
-  return hn::ConvertTo(D32(), hn::PromoteTo(di32, half_of_16));
-}
-
 /// Unsigned a ≥ b, which Highway has for signed lanes only.
-HWY_INLINE hn::Mask<D16> at_least(V16 a, V16 b) { return hn::Eq(hn::Max(a, b), a); }
-
-/// White and black as 16-bit lanes at `pixel`, whatever they are stored in.
-HWY_INLINE V16 load_16(const std::uint8_t* list, std::size_t pixel) {
-  const hn::Rebind<std::uint8_t, D16> d_half;
-  return hn::PromoteTo(D16(), hn::LoadU(d_half, list + pixel));
-}
-HWY_INLINE V16 load_16(const std::uint16_t* list, std::size_t pixel) {
-  return hn::LoadU(D16(), list + pixel);
-}
-HWY_INLINE void store_16(V16 values, std::uint8_t* list, std::size_t pixel) {
-  const hn::Rebind<std::uint8_t, D16> d_half;
-  hn::StoreU(hn::TruncateTo(d_half, values), d_half, list + pixel);
-}
-HWY_INLINE void store_16(V16 values, std::uint16_t* list, std::size_t pixel) {
-  hn::StoreU(values, D16(), list + pixel);
+template <class V>
+HWY_INLINE auto at_least(V a, V b) {
+  return hn::Eq(hn::Max(a, b), a);
 }
 
 template <class Dn>
 HWY_INLINE void contrast(const ContrastRule& rule, const Dn* white_list, const Dn* black_list,
-                         std::size_t count, Dn* contrast_dn, Dn* threshold,
+                         std::size_t tiles, std::size_t tile_bytes, Dn* contrast_dn,
                          std::uint8_t* saturated) {
-  const D16 d16;
-  const V16 full_scale = hn::Set(d16, rule.full_scale);
-  const V16 least = hn::Set(d16, rule.least);
-  const V16 noise = hn::Set(d16, rule.noise);
-  const V16 modulation = hn::Set(d16, rule.modulation_q16);
-  for (std::size_t i = 0; i < count; i += hn::Lanes(d16)) {
-    const V16 white = load_16(white_list, i);
-    const V16 difference = hn::SaturatedSub(white, load_16(black_list, i));
-    const V16 share = hn::Max(hn::MulHigh(difference, modulation), noise);
-    store_16(difference, contrast_dn, i);
-    // All ones, so that no difference of this format is beyond it.
-    store_16(hn::IfThenElse(at_least(difference, least), share, hn::Set(d16, 0xFFFF)), threshold,
-             i);
-    hn::StoreMaskBits(d16, at_least(white, full_scale), saturated + i / 8);
+  const hn::ScalableTag<Dn> d;
+  const auto full_scale = hn::Set(d, static_cast<Dn>(rule.full_scale));
+  const auto least = hn::Set(d, static_cast<Dn>(rule.least));
+  for (std::size_t i = 0; i < tiles * kTile_px; i += hn::Lanes(d)) {
+    const auto white = hn::LoadU(d, white_list + i);
+    const auto difference = hn::SaturatedSub(white, hn::LoadU(d, black_list + i));
+    hn::Stream(difference, d, contrast_dn + i);
+    std::uint8_t* plane = saturated + i / kTile_px * tile_bytes + i % kTile_px / 8;
+    hn::StoreMaskBits(d, at_least(white, full_scale), plane);
+    hn::StoreMaskBits(d, at_least(difference, least), plane + kPlaneBytes);
   }
 }
 
+/// One tile's thresholds.
 template <class Dn>
-HWY_INLINE void pair(const Dn* pattern_list, const Dn* inverse_list, const Dn* threshold_list,
-                     std::size_t count, std::uint8_t* sign) {
+HWY_INLINE void write_thresholds(const ContrastRule& rule, const Dn* contrast_dn, Dn* thresholds) {
+  const D16 d16;
+  const V16 least = hn::Set(d16, rule.least);
+  const V16 noise = hn::Set(d16, rule.noise);
+  const V16 modulation = hn::Set(d16, rule.modulation_q16);
+  const V16 never = hn::Set(d16, std::numeric_limits<Dn>::max());
+  const hn::Rebind<Dn, D16> d_dn;
+  for (std::size_t i = 0; i < kTile_px; i += hn::Lanes(d16)) {
+    V16 contrast_16;
+    if constexpr (sizeof(Dn) == 1) {
+      contrast_16 = hn::PromoteTo(d16, hn::Load(d_dn, contrast_dn + i));
+    } else {
+      contrast_16 = hn::Load(d_dn, contrast_dn + i);
+    }
+    const V16 share = hn::Max(hn::MulHigh(contrast_16, modulation), noise);
+    const V16 threshold = hn::IfThenElse(at_least(contrast_16, least), share, never);
+    if constexpr (sizeof(Dn) == 1) {
+      hn::Store(hn::TruncateTo(d_dn, threshold), d_dn, thresholds + i);
+    } else {
+      hn::Store(threshold, d_dn, thresholds + i);
+    }
+  }
+}
+
+/// One tile of a pair into `planes`, its three in a row.
+template <class Dn>
+HWY_INLINE void write_planes(const Dn* pattern_list, const Dn* inverse_list,
+                             const Dn* threshold_list, std::uint8_t* planes) {
   const hn::ScalableTag<Dn> d;
   const auto zero = hn::Zero(d);
-  for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+  for (std::size_t i = 0; i < kTile_px; i += hn::Lanes(d)) {
     const auto pattern = hn::LoadU(d, pattern_list + i);
     const auto inverse = hn::LoadU(d, inverse_list + i);
-    const auto threshold = hn::LoadU(d, threshold_list + i);
+    const auto threshold = hn::Load(d, threshold_list + i);
     const auto difference =
         hn::Or(hn::SaturatedSub(pattern, inverse), hn::SaturatedSub(inverse, pattern));
     const auto is_clear = hn::Gt(difference, threshold);
     const auto weak =
         hn::AverageRound(threshold, hn::AverageRound(hn::AverageRound(threshold, zero), zero));
     const auto next = hn::IfThenElse(is_clear, hn::SaturatedAdd(threshold, threshold), weak);
-    hn::StoreMaskBits(d, hn::Gt(pattern, inverse), sign + i / 8);
-    hn::StoreMaskBits(d, is_clear, sign + kPlaneBytes + i / 8);
-    hn::StoreMaskBits(d, hn::Gt(difference, next), sign + 2 * kPlaneBytes + i / 8);
+    hn::StoreMaskBits(d, hn::Gt(pattern, inverse), planes + i / 8);
+    hn::StoreMaskBits(d, is_clear, planes + kPlaneBytes + i / 8);
+    hn::StoreMaskBits(d, hn::Gt(difference, next), planes + 2 * kPlaneBytes + i / 8);
   }
 }
 
-/// The three planes of every bit as codes: bytes of 8 bits each, `high` of bits 8 and above.
-struct Codes {
-  V8 sign, clear, strong;
-};
-struct AxisCodes {
-  Codes low, high;
-};
-HWY_INLINE Codes gather(const std::uint8_t* plane, int first_bit, int count) {
+template <class Dn>
+HWY_INLINE void pairs(const ContrastRule& rule, const Dn* contrast_dn,
+                      std::span<const FramePair<Dn>> list, std::size_t tiles,
+                      std::size_t tile_bytes) {
   const D8 d8;
-  Codes codes{hn::Zero(d8), hn::Zero(d8), hn::Zero(d8)};
-  V8 one = hn::Set(d8, static_cast<std::uint8_t>(1U << first_bit));
-  for (int i = 0; i < count; ++i, plane += kPlanesPerBit * kPlaneBytes) {
+  constexpr std::size_t kPairBytes = kPlanesPerBit * kPlaneBytes;
+  alignas(kOutAlignment) Dn thresholds[kTile_px];
+  alignas(kOutAlignment) std::uint8_t planes[kMaxPairsAtOnce * kPairBytes];
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    const std::size_t first = tile * kTile_px;
+    write_thresholds(rule, contrast_dn + first, thresholds);
+    for (std::size_t k = 0; k < list.size(); ++k) {
+      write_planes(list[k].pattern + first, list[k].inverse + first, thresholds,
+                   planes + k * kPairBytes);
+    }
+    // Past the caches: they would fetch what is about to be overwritten.
+    for (std::size_t k = 0; k < list.size(); ++k) {
+      for (std::size_t i = 0; i < kPairBytes; i += hn::Lanes(d8)) {
+        hn::Stream(hn::Load(d8, planes + k * kPairBytes + i), d8,
+                   list[k].sign + tile * tile_bytes + i);
+      }
+    }
+  }
+}
+
+/// Finishing works on as many pixels at a time as a vector has bits, one bit each: the logic of
+/// read_place() of the scalar kernels, bit by bit of the code instead of pixel by pixel.
+constexpr std::size_t kBlockBytes = HWY_MAX_BYTES;
+struct alignas(HWY_MAX_BYTES) BlockPlane {
+  std::uint8_t bytes[kBlockBytes];
+};
+HWY_INLINE V8 load(const BlockPlane& plane) { return hn::Load(D8(), plane.bytes); }
+HWY_INLINE void store(V8 bits, BlockPlane& plane) { hn::Store(bits, D8(), plane.bytes); }
+
+/// Bit by bit, which Highway's own choice is not on every processor.
+HWY_INLINE V8 select(V8 which, V8 yes, V8 no) {
+  return hn::OrAnd(hn::AndNot(which, no), which, yes);
+}
+
+/// What one axis says of a block of pixels: planes of its numbers, the lowest bit first.
+constexpr int kBitPlanes = 4;  // kMaxBits is less than 2^4
+struct AxisPlanes {
+  BlockPlane agrees;
+  BlockPlane on_edge;                 ///< of the next finer bit, and too near to tell its side
+  BlockPlane bit[kBitPlanes];         ///< the finest resolved; the number of bits where none is
+  BlockPlane centre_2[kMaxBits + 1];  ///< twice the centre, px
+};
+
+/// `planes`: of the tile, from the block's first byte on.
+HWY_INLINE void read_axis(const AxisBits& axis, const std::uint8_t* planes, unsigned coarsest,
+                          AxisPlanes& out) {
+  const D8 d8;
+  const V8 zero = hn::Zero(d8);
+  const V8 ones = hn::Not(zero);
+  const auto plane = [&](int bit, std::size_t which) {
+    return hn::LoadU(
+        d8, planes + (axis.first_plane +
+                      static_cast<std::size_t>(bit - axis.lowest) * kPlanesPerBit + which) *
+                         kPlaneBytes);
+  };
+  const auto sign_of = [&](int bit) { return plane(bit, 0); };
+  const auto clear_of = [&](int bit) { return plane(bit, 1); };
+  const auto strong_of = [&](int bit) { return plane(bit, 2); };
+
+  // without_side_lobe(): from fine to coarse, is every bit from the finest resolved one on as it
+  // would be were the next one the suspect (`fits`), were it farther up (`fits_so_far`)?
+  V8 inverted = zero;
+  {
+    V8 any = zero, one = zero, several = zero, fits = zero, fits_so_far = zero;
+    for (int bit = axis.lowest; bit < axis.bits; ++bit) {
+      const V8 sign = sign_of(bit), clear = clear_of(bit);
+      const V8 suspect = hn::AndNot(clear, any);
+      const V8 finest = hn::AndNot(any, clear);
+      several = hn::OrAnd(several, one, suspect);
+      one = hn::Or(one, suspect);
+      inverted = hn::OrAnd(inverted, suspect, fits);
+      fits = select(finest, hn::Not(sign), hn::And(sign, fits_so_far));
+      fits_so_far = select(finest, sign, hn::AndNot(sign, fits_so_far));
+      any = hn::Or(any, clear);
+    }
+    inverted = hn::AndNot(several, inverted);
+  }
+
+  BlockPlane finest_of[kMaxBits + 1], unresolved_of[kMaxBits + 1];
+  V8 any = zero, one = zero, several = zero, not_strong = zero, has_sign = zero;
+  {
+    V8 any_seeming = zero, strong_below = zero;
+    for (int bit = axis.lowest; bit < axis.bits; ++bit) {
+      const V8 seeming = clear_of(bit), strong = strong_of(bit);
+      const V8 clear = hn::AndNot(hn::AndNot(any_seeming, inverted), seeming);
+      const V8 finest = hn::AndNot(any, clear);
+      const V8 unresolved = hn::AndNot(clear, any);
+      any_seeming = hn::Or(any_seeming, seeming);
+      several = hn::OrAnd(several, one, unresolved);
+      one = hn::Or(one, unresolved);
+      any = hn::Or(any, clear);
+      not_strong = hn::Or(not_strong, hn::AndNot(hn::And(clear, strong), any));
+      has_sign = hn::OrAnd(has_sign, finest, strong_below);
+      strong_below = strong;
+      store(finest, finest_of[bit]);
+      store(unresolved, unresolved_of[bit]);
+    }
+    store(zero, finest_of[axis.bits]);
+    has_sign = hn::AndNot(not_strong, has_sign);
+    const V8 has_next = hn::AndNot(load(finest_of[axis.lowest]), hn::AndNot(not_strong, any));
+    store(hn::AndNot(has_sign, has_next), out.on_edge);
+  }
+
+  // From coarse to fine: the cell's first and last position, and whether they are beyond the
+  // display.
+  BlockPlane first_of[kMaxBits], last_of[kMaxBits];
+  V8 below, over = zero;
+  {
+    V8 within = any, binary = zero, mixed = several, unresolved_above = zero, seen = zero;
+    V8 first_less = zero, first_more = zero, last_less = zero;
+    V8 index[kBitPlanes] = {zero, zero, zero, zero};
+    for (int bit = axis.bits - 1; bit >= 0; --bit) {
+      const bool is_limit = ((axis.last_px >> bit) & 1) != 0;
+      V8 first = zero, cell = zero;
+      if (bit >= axis.lowest) {
+        const V8 gray = hn::And(sign_of(bit), within);
+        binary = hn::Xor(binary, gray);
+        first = hn::And(binary, within);
+        mixed = hn::OrAnd(mixed, seen, hn::Xor(gray, unresolved_above));
+        unresolved_above = load(unresolved_of[bit]);
+        seen = hn::Or(seen, unresolved_above);
+        cell = select(has_sign, load(finest_of[bit + 1]), load(finest_of[bit]));
+        for (int k = 0; k < kBitPlanes; ++k) {
+          if (((bit >> k) & 1) != 0) index[k] = hn::Or(index[k], cell);
+        }
+        if ((1U << bit) > coarsest) mixed = hn::Or(mixed, cell);
+      }
+      const V8 last = hn::Or(first, hn::Not(within));
+      if (is_limit) {
+        first_less = hn::Or(first_less, hn::AndNot(first, hn::Not(first_more)));
+        last_less = hn::Or(last_less, hn::AndNot(last, hn::Not(over)));
+      } else {
+        first_more = hn::Or(first_more, hn::AndNot(first_less, first));
+        over = hn::Or(over, hn::AndNot(last_less, last));
+      }
+      store(first, first_of[bit]);
+      store(last, last_of[bit]);
+      within = hn::AndNot(cell, within);
+    }
+    store(hn::AndNot(hn::Or(mixed, first_more), any), out.agrees);
+    for (int k = 0; k < kBitPlanes; ++k) {
+      const V8 none = ((axis.bits >> k) & 1) != 0 ? hn::AndNot(any, ones) : zero;
+      store(hn::Or(index[k], none), out.bit[k]);
+    }
+  }
+
+  // The sum of both, the last one no farther than the display.
+  V8 carry = zero;
+  for (int bit = 0; bit < axis.bits; ++bit) {
+    const V8 first = load(first_of[bit]);
+    V8 last = load(last_of[bit]);
+    last = ((axis.last_px >> bit) & 1) != 0 ? hn::Or(last, over) : hn::AndNot(over, last);
+    const V8 differ = hn::Xor(first, last);
+    store(hn::Xor(differ, carry), out.centre_2[bit]);
+    carry = select(differ, carry, first);
+  }
+  store(carry, out.centre_2[axis.bits]);
+}
+
+/// Bytes from planes of their bits.
+HWY_INLINE V8 gather(const BlockPlane* planes, int count, std::size_t byte) {
+  const D8 d8;
+  V8 code = hn::Zero(d8);
+  V8 one = hn::Set(d8, 1);
+  for (int i = 0; i < count; ++i) {
     // Adding instead of or-ing: processors with masks do it in one instruction.
-    const auto with_bits = [&](V8 code, const std::uint8_t* bits) {
-      return hn::IfThenElse(hn::LoadMaskBits(d8, bits), hn::Add(code, one), code);
-    };
-    codes.sign = with_bits(codes.sign, plane);
-    codes.clear = with_bits(codes.clear, plane + kPlaneBytes);
-    codes.strong = with_bits(codes.strong, plane + 2 * kPlaneBytes);
+    code = hn::IfThenElse(hn::LoadMaskBits(d8, planes[i].bytes + byte), hn::Add(code, one), code);
     one = hn::Add(one, one);
   }
-  return codes;
+  return code;
 }
-HWY_INLINE AxisCodes gather(const AxisBits& axis, const std::uint8_t* planes, std::size_t pixel) {
-  const std::uint8_t* plane = planes + axis.first_plane * kPlaneBytes + pixel / 8;
-  const int low = axis.bits < 8 ? axis.bits : 8;
-  const int low_shown = axis.lowest < low ? low - axis.lowest : 0;
-  const int high_first = axis.lowest < 8 ? 0 : axis.lowest - 8;
-  return {gather(plane, axis.lowest < 8 ? axis.lowest : 0, low_shown),
-          gather(plane + static_cast<std::size_t>(low_shown) * kPlanesPerBit * kPlaneBytes,
-                 high_first, axis.bits - low - high_first)};
-}
-/// Two bytes of a code as 16-bit lanes: those of the vector's lower or upper half.
-template <int kHalf>
-HWY_INLINE V16 join(V8 low, V8 high) {
+
+/// One axis of a block, a number a pixel.
+struct AxisNumbers {
+  alignas(HWY_MAX_BYTES) std::uint16_t centre_2[8 * kBlockBytes];
+  /// Of twice the width of the interval that the pixel lies in, a power of two, px.
+  alignas(HWY_MAX_BYTES) std::uint8_t exponent[8 * kBlockBytes];
+};
+HWY_INLINE void write_numbers(const AxisBits& axis, const AxisPlanes& planes, std::size_t count,
+                              AxisNumbers& numbers, std::uint8_t* bit_list) {
+  const D8 d8;
   const D16 d16;
   const hn::Half<D8> d8_half;
-  if constexpr (kHalf == 0) {
-    return hn::Or(hn::PromoteTo(d16, hn::LowerHalf(low)),
-                  hn::ShiftLeft<8>(hn::PromoteTo(d16, hn::LowerHalf(high))));
-  } else {
-    return hn::Or(hn::PromoteTo(d16, hn::UpperHalf(d8_half, low)),
-                  hn::ShiftLeft<8>(hn::PromoteTo(d16, hn::UpperHalf(d8_half, high))));
+  const V8 one = hn::Set(d8, 1);
+  const int low_count = axis.bits + 1 < 8 ? axis.bits + 1 : 8;
+  for (std::size_t i = 0; i < count; i += hn::Lanes(d8)) {
+    const V8 low = gather(planes.centre_2, low_count, i / 8);
+    const V8 high = gather(planes.centre_2 + 8, axis.bits + 1 - low_count, i / 8);
+    const auto join = [&](auto low_half, auto high_half) {
+      return hn::Or(hn::PromoteTo(d16, low_half), hn::ShiftLeft<8>(hn::PromoteTo(d16, high_half)));
+    };
+    hn::Store(join(hn::LowerHalf(low), hn::LowerHalf(high)), d16, numbers.centre_2 + i);
+    hn::Store(join(hn::UpperHalf(d8_half, low), hn::UpperHalf(d8_half, high)), d16,
+              numbers.centre_2 + i + hn::Lanes(d16));
+    const V8 bit = gather(planes.bit, kBitPlanes, i / 8);
+    hn::Stream(bit, d8, bit_list + i);
+    const auto on_edge = hn::LoadMaskBits(d8, planes.on_edge.bytes + i / 8);
+    hn::Store(hn::IfThenElse(on_edge, hn::Sub(bit, one), hn::Add(bit, one)), d8,
+              numbers.exponent + i);
   }
 }
 
-/// read_place() of the scalar kernels, in 16-bit lanes.
-struct Places {
-  V16 agrees;  ///< all ones or zero
-  V16 bit;
-  V16 centre_2;  ///< twice the centre, px
-  V16 width_2;   ///< twice the width, px
-};
-template <int kHalf>
-HWY_INLINE Places read_places(const AxisBits& axis, const AxisCodes& codes, V16 coarsest) {
-  const D16 d16;
-  const V16 zero = hn::Zero(d16);
-  const V16 one = hn::Set(d16, 1);
-  const V16 shown =
-      hn::Set(d16, static_cast<std::uint16_t>((1U << axis.bits) - (1U << axis.lowest)));
-  const V16 last = hn::Set(d16, axis.last_px);
-  const V16 sign = join<kHalf>(codes.low.sign, codes.high.sign);
-  const V16 all_clear = join<kHalf>(codes.low.clear, codes.high.clear);
-  const V16 strong = join<kHalf>(codes.low.strong, codes.high.strong);
-  // without_side_lobe() of the scalar kernels.
-  const V16 but_finest = hn::And(all_clear, hn::Sub(all_clear, one));
-  const V16 seeming = hn::Sub(all_clear, but_finest);
-  const V16 from_seeming = hn::Sub(zero, seeming);
-  const V16 suspect = hn::And(hn::AndNot(all_clear, shown), from_seeming);
-  const V16 suspect_below = hn::Sub(suspect, one);
-  const auto is_single =
-      hn::And(hn::Ne(suspect, zero), hn::Eq(hn::And(suspect, suspect_below), zero));
-  const V16 read = hn::And(hn::And(sign, from_seeming), suspect_below);
-  const auto is_inverted =
-      hn::And(is_single, hn::Eq(read, hn::Xor(hn::ShiftRight<1>(suspect), seeming)));
-  const V16 clear = hn::IfThenElse(is_inverted, but_finest, all_clear);
-
-  const V16 finest = hn::And(clear, hn::Sub(zero, clear));
-  const V16 coarser = hn::AndNot(hn::Sub(finest, one), shown);
-  const V16 next = hn::IfThenElseZero(hn::Eq(hn::And(clear, strong), coarser),
-                                      hn::And(hn::ShiftRight<1>(finest), shown));
-  const auto has_sign = hn::Ne(hn::And(next, strong), zero);
-  const V16 cell = hn::IfThenElse(has_sign, next, finest);
-  const V16 below = hn::Sub(cell, one);
-  const V16 gray = hn::AndNot(below, sign);
-  const V16 unresolved = hn::AndNot(clear, coarser);
-  const V16 unresolved_below = hn::Sub(unresolved, one);
-  const auto is_neighbour =
-      hn::And(hn::Eq(hn::And(unresolved, unresolved_below), zero),
-              hn::Eq(hn::And(gray, unresolved_below), hn::ShiftRight<1>(unresolved)));
-  V16 binary = gray;
-  binary = hn::Xor(binary, hn::ShiftRight<1>(binary));
-  binary = hn::Xor(binary, hn::ShiftRight<2>(binary));
-  binary = hn::Xor(binary, hn::ShiftRight<4>(binary));
-  binary = hn::Xor(binary, hn::ShiftRight<8>(binary));
-  const V16 first = hn::AndNot(below, binary);
-  const auto resolves = hn::And(hn::Ne(clear, zero), at_least(coarsest, cell));
-  const auto fits = hn::Or(hn::Eq(unresolved, zero), is_neighbour);
-  const auto agrees = hn::And(hn::And(resolves, fits), at_least(last, first));
-  // Nothing is resolved: `below` is all ones, but such a pixel's bit is told by the axis.
-  const V16 bit =
-      hn::IfThenElse(hn::Eq(clear, zero), hn::Set(d16, static_cast<std::uint16_t>(axis.bits)),
-                     hn::PopulationCount(below));
-  const auto on_edge = hn::AndNot(has_sign, hn::Ne(next, zero));
-  return {hn::VecFromMask(d16, agrees), bit, hn::Add(first, hn::Min(hn::Or(first, below), last)),
-          hn::IfThenElse(on_edge, next, hn::Add(cell, cell))};
+/// A vector of floats' mask from a plane; fewer than eight lanes are a part of a byte.
+HWY_INLINE hn::Mask<D32> mask_32(const std::uint8_t* plane, std::size_t pixel) {
+  const auto bits = static_cast<std::uint8_t>(plane[pixel / 8] >> (pixel % 8));
+  return hn::LoadMaskBits(D32(), hn::MaxLanes(D32()) < 8 ? &bits : plane + pixel / 8);
 }
 
 template <class Dn>
 HWY_INLINE void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
                        const FinalOut& out) {
   const D8 d8;
-  const D16 d16;
   const D32 d32;
-  const hn::Half<D8> d8_half;
-  const hn::Half<D16> d16_half;
   const hn::RebindToSigned<D32> di32;
-  const hn::RebindToSigned<decltype(d16_half)> di16_half;
-  const std::size_t lanes_16 = hn::Lanes(d16), lanes_32 = hn::Lanes(d32);
   // Copies: stores of bytes might otherwise change them for all that the compiler knows.
   const AxisBits axis_u = rule.u, axis_v = rule.v;
   const FinalOut to = out;
-  const std::uint8_t* saturated = planes + rule.saturated_plane * kPlaneBytes;
-  const V16 least = hn::Set(d16, rule.least);
-  const V16 coarsest = hn::Set(d16, rule.coarsest);
   // Not hn::NaN(), whose bits are not those of the standard library.
   const V32 nothing = hn::Set(d32, std::numeric_limits<float>::quiet_NaN());
   const V32 half = hn::Set(d32, 0.5F);
   const V32 per_dn = hn::Set(d32, rule.per_dn);
-  const V32 noise = hn::Set(d32, rule.noise_cells_dn);
-  const V32 cell_sigma = hn::Set(d32, kCellSigma);
-  const V32 square_to_sigma = hn::Set(d32, kNoiseSquareToSigma);
-  const auto label = [](Label value) { return hn::Set(D8(), static_cast<std::uint8_t>(value)); };
-  static_assert(static_cast<int>(Label::none) == 0);
-  for (std::size_t i = 0; i < kTile_px; i += hn::Lanes(d8)) {
-    const AxisCodes codes_u = gather(axis_u, planes, i);
-    const AxisCodes codes_v = gather(axis_v, planes, i);
-    const auto part = [&](auto half_index, V16* position, V16* enough, V16* bit_u, V16* bit_v) {
-      constexpr int kHalf = decltype(half_index)::value;
-      const std::size_t at_16 = i + kHalf * lanes_16;
-      const Places u = read_places<kHalf>(axis_u, codes_u, coarsest);
-      const Places v = read_places<kHalf>(axis_v, codes_v, coarsest);
-      const V16 contrast_16 = load_16(contrast_dn, at_16);
-      *enough = hn::VecFromMask(d16, at_least(contrast_16, least));
-      *position = hn::And(*enough, hn::And(u.agrees, v.agrees));
-      *bit_u = u.bit;
-      *bit_v = v.bit;
-      const auto quarter = [&](std::size_t at, auto piece) {
-        // All ones in 16 bits are −1; widened with their sign they are all ones again.
-        const auto is_position = hn::RebindMask(
-            d32, hn::MaskFromVec(hn::PromoteTo(di32, hn::BitCast(di16_half, piece(*position)))));
-        const V32 contrast_32 = float_of(piece(contrast_16));
-        const V32 shift = hn::Div(noise, contrast_32);
-        const V32 half_sigma =
-            hn::Mul(half, hn::Add(cell_sigma, hn::Mul(hn::Mul(shift, shift), square_to_sigma)));
-        const auto half_px = [&](V16 twice) { return hn::Mul(half, float_of(piece(twice))); };
-        const auto store = [&](V32 value, float* list) {
-          hn::Stream(hn::IfThenElse(is_position, value, nothing), d32, list + at);
-        };
-        store(half_px(u.centre_2), to.u_px);
-        store(half_px(v.centre_2), to.v_px);
-        store(hn::Mul(float_of(piece(u.width_2)), half_sigma), to.sigma_u_px);
-        store(hn::Mul(float_of(piece(v.width_2)), half_sigma), to.sigma_v_px);
-        hn::Stream(hn::Mul(contrast_32, per_dn), d32, to.contrast + at);
+  const V32 noise = hn::Set(d32, 0.5F * rule.noise_square);
+  const V32 cell_sigma = hn::Set(d32, 0.5F * kCellSigma);
+  const auto of = [](const auto* list, std::size_t i) {
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(list)>>;
+    return hn::PromoteTo(hn::RebindToSigned<D32>(), hn::Load(hn::Rebind<T, D32>(), list + i));
+  };
+  // A position's bit of the label, one that others have too, and their own.
+  static_assert(static_cast<int>(Label::none) == 0 && static_cast<int>(Label::mirror) == 1 &&
+                static_cast<int>(Label::mixed) == 3 && static_cast<int>(Label::saturated) == 4);
+  const std::size_t block_px = 8 * hn::Lanes(d8);
+  for (std::size_t first = 0; first < kTile_px; first += block_px) {
+    AxisPlanes planes_u, planes_v;
+    read_axis(axis_u, planes + first / 8, rule.coarsest, planes_u);
+    read_axis(axis_v, planes + first / 8, rule.coarsest, planes_v);
+    const std::uint8_t* saturated_plane = planes + rule.saturated_plane * kPlaneBytes + first / 8;
+    const V8 saturated = hn::LoadU(d8, saturated_plane);
+    const V8 enough = hn::LoadU(d8, saturated_plane + kPlaneBytes);
+    const V8 position = hn::And(enough, hn::And(load(planes_u.agrees), load(planes_v.agrees)));
+    const V8 mixed = hn::AndNot(hn::Or(position, saturated), enough);
+    BlockPlane label[3];
+    store(hn::Or(position, mixed), label[0]);
+    store(mixed, label[1]);
+    store(hn::AndNot(position, saturated), label[2]);
+    BlockPlane is_position;
+    store(position, is_position);
+
+    AxisNumbers u, v;
+    write_numbers(axis_u, planes_u, block_px, u, to.bit_u + first);
+    write_numbers(axis_v, planes_v, block_px, v, to.bit_v + first);
+    for (std::size_t i = 0; i < block_px; i += hn::Lanes(d8)) {
+      hn::Stream(gather(label, 3, i / 8), d8,
+                 reinterpret_cast<std::uint8_t*>(to.label) + first + i);
+    }
+    for (std::size_t i = 0; i < block_px; i += hn::Lanes(d32)) {
+      const auto mask = mask_32(is_position.bytes, i);
+      const auto write = [&](V32 value, float* list) {
+        hn::Stream(hn::IfThenElse(mask, value, nothing), d32, list + first + i);
       };
-      quarter(at_16, [](V16 whole) { return hn::LowerHalf(whole); });
-      quarter(at_16 + lanes_32, [&](V16 whole) { return hn::UpperHalf(d16_half, whole); });
-    };
-    V16 position_0, position_1, enough_0, enough_1, bit_u_0, bit_u_1, bit_v_0, bit_v_1;
-    part(std::integral_constant<int, 0>(), &position_0, &enough_0, &bit_u_0, &bit_v_0);
-    part(std::integral_constant<int, 1>(), &position_1, &enough_1, &bit_u_1, &bit_v_1);
-    const auto bytes = [&](V16 low, V16 high) {
-      return hn::Combine(d8, hn::TruncateTo(d8_half, high), hn::TruncateTo(d8_half, low));
-    };
-    const V8 otherwise =
-        hn::IfThenElse(hn::LoadMaskBits(d8, saturated + i / 8), label(Label::saturated),
-                       hn::And(bytes(enough_0, enough_1), label(Label::mixed)));
-    hn::Stream(hn::IfThenElse(hn::MaskFromVec(bytes(position_0, position_1)), label(Label::mirror),
-                              otherwise),
-               d8, reinterpret_cast<std::uint8_t*>(to.label) + i);
-    hn::Stream(bytes(bit_u_0, bit_u_1), d8, to.bit_u + i);
-    hn::Stream(bytes(bit_v_0, bit_v_1), d8, to.bit_v + i);
+      const V32 contrast_32 = hn::ConvertTo(d32, of(contrast_dn + first, i));
+      hn::Stream(hn::Mul(contrast_32, per_dn), d32, to.contrast + first + i);
+      const V32 half_sigma = hn::Add(cell_sigma, hn::Div(noise, hn::Mul(contrast_32, contrast_32)));
+      const auto place = [&](const AxisNumbers& axis, float* centre, float* sigma) {
+        write(hn::Mul(half, hn::ConvertTo(d32, of(axis.centre_2, i))), centre);
+        // Times a power of two.
+        write(hn::BitCast(d32, hn::Add(hn::BitCast(di32, half_sigma),
+                                       hn::ShiftLeft<23>(of(axis.exponent, i)))),
+              sigma);
+      };
+      place(u, to.u_px, to.sigma_u_px);
+      place(v, to.v_px, to.sigma_v_px);
+    }
   }
-  hwy::FlushStream();
 }
 
 void contrast8(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-               std::size_t count, std::uint8_t* contrast_dn, std::uint8_t* threshold,
+               std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
                std::uint8_t* saturated) {
-  contrast(rule, white, black, count, contrast_dn, threshold, saturated);
+  contrast(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
 }
 void contrast16(const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-                std::size_t count, std::uint16_t* contrast_dn, std::uint16_t* threshold,
+                std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
                 std::uint8_t* saturated) {
-  contrast(rule, white, black, count, contrast_dn, threshold, saturated);
+  contrast(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
 }
-void pair8(const std::uint8_t* pattern, const std::uint8_t* inverse, const std::uint8_t* threshold,
-           std::size_t count, std::uint8_t* sign) {
-  pair(pattern, inverse, threshold, count, sign);
+void pairs8(const ContrastRule& rule, const std::uint8_t* contrast_dn,
+            std::span<const FramePair<std::uint8_t>> list, std::size_t tiles,
+            std::size_t tile_bytes) {
+  pairs(rule, contrast_dn, list, tiles, tile_bytes);
 }
-void pair16(const std::uint16_t* pattern, const std::uint16_t* inverse,
-            const std::uint16_t* threshold, std::size_t count, std::uint8_t* sign) {
-  pair(pattern, inverse, threshold, count, sign);
+void pairs16(const ContrastRule& rule, const std::uint16_t* contrast_dn,
+             std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
+             std::size_t tile_bytes) {
+  pairs(rule, contrast_dn, list, tiles, tile_bytes);
 }
 void finish8(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
              const FinalOut& out) {
@@ -344,8 +445,8 @@ namespace alhazen::decode {
 
 HWY_EXPORT(contrast8);
 HWY_EXPORT(contrast16);
-HWY_EXPORT(pair8);
-HWY_EXPORT(pair16);
+HWY_EXPORT(pairs8);
+HWY_EXPORT(pairs16);
 HWY_EXPORT(finish8);
 HWY_EXPORT(finish16);
 
@@ -353,24 +454,25 @@ const Kernels& vector_kernels() {
   // Lambdas: the choice is made by the call.
   static constexpr Kernels kKernels = {
       [](const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-         std::size_t count, std::uint8_t* contrast_dn, std::uint8_t* threshold,
+         std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
          std::uint8_t* saturated) {
         HWY_DYNAMIC_DISPATCH(contrast8)
-        (rule, white, black, count, contrast_dn, threshold, saturated);
+        (rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
       },
       [](const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-         std::size_t count, std::uint16_t* contrast_dn, std::uint16_t* threshold,
+         std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
          std::uint8_t* saturated) {
         HWY_DYNAMIC_DISPATCH(contrast16)
-        (rule, white, black, count, contrast_dn, threshold, saturated);
+        (rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
       },
-      [](const std::uint8_t* pattern, const std::uint8_t* inverse, const std::uint8_t* threshold,
-         std::size_t count, std::uint8_t* sign) {
-        HWY_DYNAMIC_DISPATCH(pair8)(pattern, inverse, threshold, count, sign);
+      [](const ContrastRule& rule, const std::uint8_t* contrast_dn,
+         std::span<const FramePair<std::uint8_t>> list, std::size_t tiles, std::size_t tile_bytes) {
+        HWY_DYNAMIC_DISPATCH(pairs8)(rule, contrast_dn, list, tiles, tile_bytes);
       },
-      [](const std::uint16_t* pattern, const std::uint16_t* inverse, const std::uint16_t* threshold,
-         std::size_t count, std::uint8_t* sign) {
-        HWY_DYNAMIC_DISPATCH(pair16)(pattern, inverse, threshold, count, sign);
+      [](const ContrastRule& rule, const std::uint16_t* contrast_dn,
+         std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
+         std::size_t tile_bytes) {
+        HWY_DYNAMIC_DISPATCH(pairs16)(rule, contrast_dn, list, tiles, tile_bytes);
       },
       [](const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
          const FinalOut& out) {

@@ -286,19 +286,23 @@ TEST(Decoder, TheOrderOfArrivalDoesNotMatter) {
   }
 }
 
-TEST(Decoder, KeepsNoFrameWhosePartnerWasThere) {
+TEST(Decoder, KeepsFourPairsAtMost) {
   const Region region{0, 0, 8, 8};
   const std::vector<Pattern> sequence = sequence_of(40, 30);
   Decoder decoder = *Decoder::make({}, kKey, 0, region, 8, 40, 30, sequence);
   const std::vector<Image> frames = noise_frames(sequence.size(), region);
   std::vector<std::weak_ptr<const std::byte[]>> alive;
+  // White and black are folded at once, then every four pairs, and the last two with the last.
+  ASSERT_EQ(sequence.size(), 2U + 2 * 11);
   for (std::size_t i = 0; i < sequence.size(); ++i) {
     std::shared_ptr<std::byte[]> pixels(new std::byte[64]());
     alive.emplace_back(pixels);
     ASSERT_TRUE(decoder.add(sequence[i], Image(8, 8, PixelFormat::mono8, 8, std::move(pixels))));
     const auto held =
         std::ranges::count_if(alive, [](const auto& frame) { return !frame.expired(); });
-    EXPECT_EQ(held, i % 2 == 0 ? 1 : 0);
+    const std::size_t since_fold = i < 2 ? i + 1 : (i - 2) % 8 + 1;
+    const bool is_folded = i == 1 || since_fold == 8 || i + 1 == sequence.size();
+    EXPECT_EQ(held, is_folded ? 0 : static_cast<std::ptrdiff_t>(since_fold)) << i;
   }
 }
 

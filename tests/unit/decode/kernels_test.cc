@@ -3,22 +3,26 @@
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <memory>
 #include <random>
+#include <span>
 #include <vector>
 
 namespace alhazen::decode {
 namespace {
 
-/// Everything that one set of kernels makes of a tile, as bytes.
+constexpr std::size_t kTiles = 9, kPixels = kTiles * kTile_px, kTileBytes = 100 * kPlaneBytes;
+
+/// Everything that one set of kernels makes of some tiles, as bytes.
 struct alignas(kOutAlignment) Result {
-  std::array<float, kTile_px> u, v, sigma_u, sigma_v, contrast;
-  std::array<Label, kTile_px> label;
-  std::array<std::uint8_t, kTile_px> bit_u, bit_v;
-  std::array<std::uint16_t, kTile_px> difference, threshold;
-  std::array<std::uint8_t, 100 * kPlaneBytes> planes;
+  std::array<float, kPixels> u, v, sigma_u, sigma_v, contrast;
+  std::array<Label, kPixels> label;
+  std::array<std::uint8_t, kPixels> bit_u, bit_v;
+  alignas(kOutAlignment) std::array<std::uint16_t, kPixels> difference;
+  alignas(kOutAlignment) std::array<std::uint8_t, kTiles * kTileBytes> planes;
 };
 
 struct Case {
@@ -31,7 +35,7 @@ std::unique_ptr<Result> run(const Kernels& kernels, const Case& c, unsigned seed
   std::memset(result.get(), 0, sizeof(Result));
   std::minstd_rand random(seed);
   const auto frame = [&](int shift) {
-    std::vector<Dn> list(kTile_px);
+    std::vector<Dn> list(kPixels);
     // Differences of every size must come up, equal ones and both extremes too.
     for (Dn& dn : list) {
       const auto value = static_cast<int>(random() >> 8) % (c.full_scale + 1);
@@ -45,37 +49,43 @@ std::unique_ptr<Result> run(const Kernels& kernels, const Case& c, unsigned seed
                              .modulation_q16 = 16384};
   const std::vector<Dn> white = frame(0), black = frame(2);
   auto* difference = reinterpret_cast<Dn*>(result->difference.data());
-  auto* threshold = reinterpret_cast<Dn*>(result->threshold.data());
   FinalRule final;
-  final.least = rule.least;
   final.coarsest = 256;
   final.per_dn = 1.0F / static_cast<float>(c.full_scale);
-  final.noise_cells_dn = static_cast<float>(c.full_scale) / 200;
-  final.u = {1, c.lowest_u, c.bits_u, static_cast<std::uint16_t>((1 << c.bits_u) - 2)};
-  final.v = {1 + kPlanesPerBit * static_cast<std::size_t>(c.bits_u - c.lowest_u), c.lowest_v,
+  final.noise_square = static_cast<float>(c.full_scale * c.full_scale) / 40'000;
+  final.u = {2, c.lowest_u, c.bits_u, static_cast<std::uint16_t>((1 << c.bits_u) - 2)};
+  final.v = {2 + kPlanesPerBit * static_cast<std::size_t>(c.bits_u - c.lowest_u), c.lowest_v,
              c.bits_v, static_cast<std::uint16_t>((1 << c.bits_v) * 3 / 4)};
-  const FinalOut out = {result->u.data(),       result->v.data(),        result->sigma_u.data(),
-                        result->sigma_v.data(), result->contrast.data(), result->label.data(),
-                        result->bit_u.data(),   result->bit_v.data()};
-  const int pairs = c.bits_u - c.lowest_u + c.bits_v - c.lowest_v;
-  for (int i = -1; i < pairs; ++i) {
-    const std::vector<Dn> first = frame(0), second = frame((i + 3) % 3);
-    std::uint8_t* plane =
-        result->planes.data() + (1 + 3 * static_cast<std::size_t>(i < 0 ? 0 : i)) * kPlaneBytes;
-    if constexpr (sizeof(Dn) == 1) {
-      i < 0 ? kernels.contrast8(rule, white.data(), black.data(), kTile_px, difference, threshold,
-                                result->planes.data())
-            : kernels.pair8(first.data(), second.data(), threshold, kTile_px, plane);
-    } else {
-      i < 0 ? kernels.contrast16(rule, white.data(), black.data(), kTile_px, difference, threshold,
-                                 result->planes.data())
-            : kernels.pair16(first.data(), second.data(), threshold, kTile_px, plane);
-    }
+  const int bits = c.bits_u - c.lowest_u + c.bits_v - c.lowest_v;
+  std::vector<std::vector<Dn>> frames;
+  std::vector<FramePair<Dn>> pairs;
+  for (int i = 0; i < bits; ++i) {
+    frames.push_back(frame(0));
+    frames.push_back(frame((i + 3) % 3));
+    pairs.push_back({frames[frames.size() - 2].data(), frames.back().data(),
+                     result->planes.data() + (2 + 3 * static_cast<std::size_t>(i)) * kPlaneBytes});
   }
+  const auto run_all = [&](const auto& contrast, const auto& fold, const auto& finish) {
+    contrast(rule, white.data(), black.data(), kTiles, kTileBytes, difference,
+             result->planes.data());
+    std::span<const FramePair<Dn>> rest(pairs);
+    for (std::size_t count = 1; !rest.empty(); count = count % kMaxPairsAtOnce + 1) {
+      const std::size_t some = std::min(count, rest.size());
+      fold(rule, difference, rest.first(some), kTiles, kTileBytes);
+      rest = rest.subspan(some);
+    }
+    for (std::size_t tile = 0; tile < kTiles; ++tile) {
+      const std::size_t i = tile * kTile_px;
+      finish(
+          final, result->planes.data() + tile * kTileBytes, difference + i,
+          FinalOut{&result->u[i], &result->v[i], &result->sigma_u[i], &result->sigma_v[i],
+                   &result->contrast[i], &result->label[i], &result->bit_u[i], &result->bit_v[i]});
+    }
+  };
   if constexpr (sizeof(Dn) == 1) {
-    kernels.finish8(final, result->planes.data(), difference, out);
+    run_all(kernels.contrast8, kernels.pairs8, kernels.finish8);
   } else {
-    kernels.finish16(final, result->planes.data(), difference, out);
+    run_all(kernels.contrast16, kernels.pairs16, kernels.finish16);
   }
   return result;
 }
@@ -110,10 +120,8 @@ TEST(Kernels, VectorsAgreeWithTheReferenceBitForBit) {
       ASSERT_EQ(
           std::memcmp(&reference->difference, &vector->difference, sizeof reference->difference),
           0);
-      ASSERT_EQ(std::memcmp(&reference->threshold, &vector->threshold, sizeof reference->threshold),
-                0);
       ASSERT_EQ(std::memcmp(&reference->planes, &vector->planes, sizeof reference->planes), 0);
-      for (std::size_t i = 0; i < kTile_px; ++i) {
+      for (std::size_t i = 0; i < kPixels; ++i) {
         ASSERT_EQ(reference->label[i], vector->label[i]) << i;
         ASSERT_EQ(reference->bit_u[i], vector->bit_u[i]) << i;
         ASSERT_EQ(reference->bit_v[i], vector->bit_v[i]) << i;
