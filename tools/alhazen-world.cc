@@ -18,6 +18,7 @@
 #include "drivers/sim/shape.h"
 #include "drivers/sim/world.h"
 #include "reconstruct/mesh_io/mesh_file.h"
+#include "tools/exit_code.h"
 
 namespace alhazen {
 namespace {
@@ -53,6 +54,9 @@ Status write_truth(const WorldFlags& world, const std::string& out) {
 
 Status write_rig(const WorldFlags& world, const sim::CalibrationError& error,
                  const std::string& out) {
+  // CLI11 takes "nan" for a number that is not negative.
+  if (!std::isfinite(error.camera_px + error.display_mm + error.display_rad + error.axis_mm))
+    return Error{Code::invalid, "every error of the calibration must be a finite number"};
   const sim::Scene scene = ALHAZEN_TRY(sim::Scene::load(world.file, world.overrides()));
   std::ofstream file(out, std::ios::binary);
   if (!(file << sim::calibrated_rig(scene, error)) || !file.flush())
@@ -63,6 +67,8 @@ Status write_rig(const WorldFlags& world, const sim::CalibrationError& error,
 /// A picture of the world as a camera sees it, each display showing a checkerboard of its own grey.
 Status write_picture(const WorldFlags& world_flags, const std::string& camera, double angle_deg,
                      const std::string& out) {
+  if (!std::isfinite(angle_deg))
+    return Error{Code::invalid, "--angle must be a finite number of degrees"};
   sim::Scene scene = ALHAZEN_TRY(sim::Scene::load(world_flags.file, world_flags.overrides()));
   const auto& cameras = scene.cameras;
   const auto found =
@@ -103,7 +109,7 @@ Status write_picture(const WorldFlags& world_flags, const std::string& camera, d
 int finish(const Status& status) {
   if (status) return 0;
   std::fprintf(stderr, "alhazen-world: %s\n", status.error().text().c_str());
-  return status.error().code == Code::invalid ? 64 : 70;
+  return exit_code(status.error().code);
 }
 
 }  // namespace
@@ -147,7 +153,11 @@ int main(int argc, char** argv) {
   picture->add_option("--angle", angle_deg, "of the turntable, degrees");
   picture->add_option("--out", out, "picture file to write (.png)")->required();
 
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& wrong) {
+    return app.exit(wrong) == 0 ? 0 : exit_code(Code::invalid);
+  }
   if (*truth) return finish(write_truth(world, out));
   error.display_rad = display_deg * kRadFromDeg;
   if (*rig) return finish(write_rig(world, error, out));

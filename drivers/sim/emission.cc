@@ -223,7 +223,7 @@ void Emission::add(const Patches& patches, std::size_t begin, std::size_t end, d
   if (varies_ == Varies::nowhere && uniform_ * weight == 0) return;
   // A row's patches, some at a time: first the means, all lanes at once, then where they belong.
   constexpr std::size_t kAtOnce = 256;
-  std::array<float, kAtOnce> means;  // NOLINT(cppcoreguidelines-pro-type-member-init): filled below
+  std::array<float, kAtOnce> means;  // filled below
   for (std::size_t first = begin; first < end; first += kAtOnce) {
     const std::size_t count = std::min(kAtOnce, end - first);
     switch (varies_) {

@@ -553,9 +553,10 @@ void Tiler::trace(int left, int top, int width, int height, Band& band) {
   band.ray_count += view_.follow(samples_, false);
   band.uneven_count += uneven_.size();
   for (std::size_t k = 0; k < uneven_.size(); ++k)
-    add_uneven(&samples_.ends[k * static_cast<std::size_t>(across * across)],
-               left + uneven_[k].first, top + uneven_[k].second,
-               band.rows[static_cast<std::size_t>(uneven_[k].second)]);
+    add_uneven(
+        &samples_.ends[k * static_cast<std::size_t>(across) * static_cast<std::size_t>(across)],
+        left + uneven_[k].first, top + uneven_[k].second,
+        band.rows[static_cast<std::size_t>(uneven_[k].second)]);
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 #include "drivers/sim/shape.h"
 
 #include <embree3/rtcore.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <set>
 #include <string>

@@ -445,15 +445,17 @@ Image FakeRig::expose(Time begin, Time end, const Region& region) const {
   const double angle = angle_at(begin);
   std::vector<std::uint8_t> pixels;
   pixels.reserve(static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height));
-  for (int y = region.y; y < region.y + region.height; ++y)
+  for (int y = region.y; y < region.y + region.height; ++y) {
+    const std::size_t row =
+        static_cast<std::size_t>(y) * static_cast<std::size_t>(options_.width_px);
     for (int x = region.x; x < region.x + region.width; ++x) {
       double seen = 0;
       for (int d = 0; d < options_.displays && !options_.blind; ++d)
         seen += light(static_cast<std::size_t>(d),
-                      static_cast<std::size_t>(y * options_.width_px + seen_column(x, d, angle)),
-                      begin, end);
+                      row + static_cast<std::size_t>(seen_column(x, d, angle)), begin, end);
       pixels.push_back(static_cast<std::uint8_t>(std::min(10 + std::lround(seen * 0.9), 255L)));
     }
+  }
   return Image::copy<std::uint8_t>(region.width, region.height, 8, pixels);
 }
 

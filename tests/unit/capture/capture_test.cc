@@ -91,11 +91,11 @@ class CaptureTest : public testing::Test {
     return *made;
   }
 
-  Result<Captured> capture(const Manifest& manifest, std::stop_token stop = {}) {
+  Result<Captured> capture(const Manifest& manifest, const std::stop_token& stop = {}) {
     auto scan =
         fs::exists(folder_) ? Scan::open(folder_) : Scan::create(folder_, manifest, fake_->rig());
     EXPECT_TRUE(scan) << scan.error().text();
-    return capture_scan(*scan, *devices_, clock_, options_, hold_, hooks_, std::move(stop));
+    return capture_scan(*scan, *devices_, clock_, options_, hold_, hooks_, stop);
   }
 
   /// What camera pixel (x, y) must decode to.
@@ -104,11 +104,10 @@ class CaptureTest : public testing::Test {
       EXPECT_EQ(wrong_pixels(*map), 0U) << key.stop << " " << key.display << " " << key.camera;
   }
   [[nodiscard]] std::size_t wrong_pixels(const LightMap& map) const {
-    std::size_t wrong = 0;
+    std::size_t wrong = 0, pixel = 0;
     const int display = map.key.display.back() - '0';
     for (int y = 0; y < map.region.height; ++y)
-      for (int x = 0; x < map.region.width; ++x) {
-        const auto pixel = static_cast<std::size_t>(y * map.region.width + x);
+      for (int x = 0; x < map.region.width; ++x, ++pixel) {
         const int u = fake_->seen_column(x, display, map.angle_rad);
         if (map.label[pixel] != Label::mirror || std::lround(map.u_px[pixel]) != u ||
             std::lround(map.v_px[pixel]) != y)

@@ -81,6 +81,7 @@ TEST(VirtualClock, SleepersOfManyThreadsLeaveItAtTheLatest) {
   VirtualClock clock;
   const Time begin = clock.now();
   std::vector<std::jthread> sleepers;
+  sleepers.reserve(4);
   for (int t = 0; t < 4; ++t)
     sleepers.emplace_back([&, t] {
       for (int i = 0; i < 1000; ++i) {

@@ -54,6 +54,7 @@ TEST(EventQueue, NothingIsLostBetweenThreads) {
   EventQueue queue;
   constexpr int kEach = 2000;
   std::vector<std::jthread> senders;
+  senders.reserve(3);
   for (int sender = 0; sender < 3; ++sender)
     senders.emplace_back([&queue, sender] {
       for (int i = 0; i < kEach; ++i)

@@ -59,7 +59,10 @@ double brute(const Image& image, const Patch& one) {
                        v = at(share(c), share(d), one.extent_v, static_cast<double>(one.v));
           const int x = static_cast<int>(std::floor(u + 0.5)),
                     y = static_cast<int>(std::floor(v + 0.5));
-          sum += image.mono8()[static_cast<std::size_t>(y * image.width() + x)] / 255.0;
+          sum +=
+              image.mono8()[static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width()) +
+                            static_cast<std::size_t>(x)] /
+              255.0;
         }
   return sum / std::pow(kSteps, 4);
 }

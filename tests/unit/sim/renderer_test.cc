@@ -92,8 +92,7 @@ TEST(Renderer, ShowsOnASphereWhatTheLawOfReflectionSays) {
                                         region.y + y + (j + 0.5) / kAcross - 0.5},
                                        shown) /
                        (kAcross * kAcross);
-          const double ours =
-              static_cast<double>(picture[static_cast<std::size_t>(y * region.width + x)]);
+          const double ours = static_cast<double>(picture[index_of(x, y, region.width)]);
           square += (ours - brute) * (ours - brute);
           if (brute > 0.01) ++lit;
           worst_even = std::max(worst_even, std::abs(ours - brute));
@@ -117,8 +116,8 @@ TEST(Renderer, TracesTheSameWhateverTheRegion) {
   const std::vector<float> cut = world->radiance(1, 0.3, part, light);
   for (int y = 0; y < part.height; ++y)
     for (int x = 0; x < part.width; ++x)
-      ASSERT_NEAR(cut[static_cast<std::size_t>(y * part.width + x)],
-                  whole[static_cast<std::size_t>((part.y + y) * 160 + part.x + x)], 1e-5)
+      ASSERT_NEAR(cut[index_of(x, y, part.width)], whole[index_of(part.x + x, part.y + y, 160)],
+                  1e-5)
           << x << ", " << y;
 }
 

@@ -17,12 +17,11 @@ constexpr double kRadFromDeg = std::numbers::pi / 180;
 constexpr Time kStart{Micros(1'000'000'000)};
 
 Picture uniform(const DisplayTruth& display, int value) {
-  return {
-      Image::copy<std::uint8_t>(
-          display.width_px, display.height_px, 8,
-          std::vector<std::uint8_t>(static_cast<std::size_t>(display.width_px * display.height_px),
-                                    static_cast<std::uint8_t>(value))),
-      std::nullopt};
+  return {Image::copy<std::uint8_t>(
+              display.width_px, display.height_px, 8,
+              std::vector<std::uint8_t>(index_of(0, display.height_px, display.width_px),
+                                        static_cast<std::uint8_t>(value))),
+          std::nullopt};
 }
 
 Picture stripes(const DisplayTruth& display, int period_px, int first) {
@@ -159,11 +158,10 @@ TEST(World, RegionIsACutOfTheWholePicture) {
   int different = 0;
   for (int y = 0; y < region.height; ++y)
     for (int x = 0; x < region.width; ++x)
-      different +=
-          part.mono8()[static_cast<std::size_t>(y * region.width + x)] !=
-                  whole.mono8()[static_cast<std::size_t>((region.y + y) * 160 + region.x + x)]
-              ? 1
-              : 0;
+      different += part.mono8()[index_of(x, y, region.width)] !=
+                           whole.mono8()[index_of(region.x + x, region.y + y, 160)]
+                       ? 1
+                       : 0;
   EXPECT_LE(different, 5);  // where a rounding of the light falls the other way
 }
 
