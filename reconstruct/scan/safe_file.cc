@@ -89,11 +89,18 @@ Status write_file_safely(const fs::path& file, std::string_view bytes) {
 }
 
 Status append_to_file(const fs::path& file, std::string_view bytes) {
-  const bool is_new = !fs::exists(file);
+  std::error_code error;
+  const bool is_new = !fs::exists(file, error);
   const Descriptor out(file, O_WRONLY | O_CREAT | O_APPEND);
   if (!out) return failure("open", file);
-  ALHAZEN_TRY(write_all(out, bytes, file));
-  if (::fsync(out.value()) != 0) return failure("sync", file);
+  const off_t before = ::lseek(out.value(), 0, SEEK_END);
+  Status done = write_all(out, bytes, file);
+  if (done && ::fsync(out.value()) != 0) done = failure("sync", file);
+  if (!done) {
+    // Whoever tries again appends all of it; half a line before that would damage the file.
+    [[maybe_unused]] const int cut = ::ftruncate(out.value(), before);
+    return done;
+  }
   return is_new ? sync_folder(file.parent_path()) : Status{};
 }
 

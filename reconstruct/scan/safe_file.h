@@ -19,8 +19,8 @@ Status write_file_safely(const std::filesystem::path& file, std::string_view byt
 /// Fails: as write_file_safely(); the aside file is gone then.
 Status make_stand(const std::filesystem::path& file);
 
-/// Appends to a file (made where it is missing) and syncs it. A crash may leave a part of `bytes`.
-/// Fails: as write_file_safely().
+/// Appends to a file (made where it is missing) and syncs it. A crash may leave a part of `bytes`,
+/// a failure leaves nothing of them. Fails: as write_file_safely().
 Status append_to_file(const std::filesystem::path& file, std::string_view bytes);
 
 /// Cuts a file off after `bytes` and syncs it. Fails: unavailable.

@@ -2,12 +2,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
-#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -18,6 +16,7 @@
 #include "daemon/capture/preview.h"
 #include "daemon/virtual_clock.h"
 #include "tests/support/fake_devices.h"
+#include "tests/support/file_size_limit.h"
 
 namespace alhazen {
 namespace {
@@ -455,23 +454,6 @@ TEST_F(CaptureTest, StoppedWhileHeldItIsCancelled) {
   ASSERT_FALSE(captured);
   EXPECT_EQ(captured.error().code, Code::cancelled);
 }
-
-/// Largest file this process may write while it lives.
-class FileSizeLimit {
- public:
-  explicit FileSizeLimit(rlim_t bytes) {
-    std::signal(SIGXFSZ, SIG_IGN);
-    getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit now{bytes, before_.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &now);
-  }
-  ~FileSizeLimit() { setrlimit(RLIMIT_FSIZE, &before_); }
-  FileSizeLimit(const FileSizeLimit&) = delete;
-  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
-
- private:
-  rlimit before_{};
-};
 
 TEST_F(CaptureTest, AFullDiskHoldsTheCaptureUntilThereIsRoom) {
   std::optional<FileSizeLimit> limit;

@@ -10,6 +10,7 @@
 #include "reconstruct/scan/image_file.h"
 #include "reconstruct/scan/light_map_file.h"
 #include "reconstruct/scan/safe_file.h"
+#include "tests/support/file_size_limit.h"
 #include "tests/unit/scan/small_scan.h"
 #include "tests/unit/scan/temporary_folder.h"
 
@@ -141,6 +142,17 @@ TEST_F(ScanDirectory, PicturesThatAreNone) {
   EXPECT_EQ(read_image(folder_.path() / "none.png").error().code, Code::unavailable);
   EXPECT_EQ(read_image(folder_.path() / "none.png", 7).error().code, Code::invalid);
   EXPECT_EQ(write_image(Image(), folder_.path() / "y.png").error().code, Code::invalid);
+}
+
+TEST_F(ScanDirectory, AFailedAppendLeavesNothing) {
+  const fs::path file = folder_.path() / "frames.jsonl";
+  ASSERT_TRUE(append_to_file(file, "one\n"));
+  {
+    const FileSizeLimit limit(6);  // room for half of it
+    EXPECT_EQ(append_to_file(file, "two\n").error().code, Code::exhausted);
+  }
+  ASSERT_TRUE(append_to_file(file, "two\n"));
+  EXPECT_EQ(*read_file(file, 100), "one\ntwo\n");
 }
 
 TEST_F(ScanDirectory, SafeFilesAreWholeOrNot) {
