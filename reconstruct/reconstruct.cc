@@ -31,8 +31,8 @@ constexpr double kPreviewGap = 0.05;
 constexpr int kCoarserLevels = 2;
 /// Depths are measured this many leaves from the cut: its own error is about half a leaf.
 constexpr int kDepthLeaves = 1;
-/// A vertex is called measured where it lies within 2½ standard deviations of the nearest measured
-/// leaf's depth, or a fiftieth of a leaf, and its normal within 0.2 rad of that leaf's.
+/// A vertex is called measured where it lies within so many standard deviations of the nearest
+/// measured leaf's depth, or so much of a leaf's edge, and its normal so near to that leaf's.
 constexpr double kObservedSigmas = 3, kObservedEdges = 0.1, kMaxTurnRad = 0.3;
 
 double seconds(clockid_t clock) {

@@ -33,6 +33,8 @@ class Picture {
     for (const json& row : stages) {
       Stage& stage = stage_named(row.at("stage").get<std::string>());
       const double share = row.at("share").get<double>();
+      // A stage is known from the job's start, and begins when it first gets on.
+      if (share <= 0) continue;
       if (stage.since == steady_clock::time_point()) stage.since = now, stage.first = share;
       stage.share = share;
       stage.done = row.value("done", std::uint64_t{0});

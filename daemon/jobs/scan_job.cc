@@ -3,6 +3,7 @@
 #include <tbb/task_arena.h>
 
 #include <cmath>
+#include <ctime>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -153,8 +154,26 @@ Result<Captured> capture(ScanWork& work, RigRoom& room, EventQueue& events, Lane
                       work.stop);
 }
 
+/// CPU time of the whole process and wall time since it was made.
+class Elapsed {
+ public:
+  [[nodiscard]] StageTime read(std::string_view stage) const {
+    return {std::string(stage), seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu_s_,
+            seconds_of(CLOCK_MONOTONIC) - wall_s_};
+  }
+
+ private:
+  static double seconds_of(clockid_t clock) {
+    timespec now{};
+    clock_gettime(clock, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+  }
+  double cpu_s_ = seconds_of(CLOCK_PROCESS_CPUTIME_ID), wall_s_ = seconds_of(CLOCK_MONOTONIC);
+};
+
 /// mesh.ply and what else was asked for, report.json, report.html.
 Result<std::shared_ptr<const json>> write_results(const Scan& scan, Reconstructed made,
+                                                  std::vector<StageTime> capture_times,
                                                   const ReconstructionChoices& choices,
                                                   const Run& run) {
   std::error_code error;
@@ -176,6 +195,7 @@ Result<std::shared_ptr<const json>> write_results(const Scan& scan, Reconstructe
   }
   run.tell("report", 0);
   CaptureFigures figures = ALHAZEN_TRY(capture_figures(scan));
+  figures.times = std::move(capture_times);
   const Report report = ALHAZEN_TRY(make_report(scan, made, std::move(figures), nullptr, run));
   ALHAZEN_TRY(write_report(report, made.mesh, choices.output));
   run.tell("report", 1);
@@ -198,6 +218,7 @@ Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, E
   const Run quiet{stop, [&lane](std::string_view, double) { lane.beat(); }};
   const Run run{stop, [&teller](std::string_view stage, double share) { teller(stage, share); }};
 
+  const Elapsed elapsed;
   Reconstruction reconstruction = ALHAZEN_TRY(
       Reconstruction::make(scan.rig(), plan.volume, work.reconstruction.level.value_or(plan.level),
                            work.reconstruction.options));
@@ -236,8 +257,12 @@ Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, E
   // Without every stack there is nothing to finish; why is the capture's to tell.
   if (run.stopped() || !work.complete.load())
     return Error{Code::cancelled, "the scan ended before its last light map"};
+  // What ran beside adding and previews is counted there: the clock is the whole process's.
+  StageTime captured = elapsed.read("capture, decode");
   Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
-  return write_results(scan, std::move(made), work.reconstruction, run);
+  for (const StageTime& stage : made.times)
+    if (stage.stage == "add" || stage.stage == "preview") captured.cpu_s -= stage.cpu_s;
+  return write_results(scan, std::move(made), {std::move(captured)}, work.reconstruction, run);
 }
 
 Ended ended(LaneName lane, Result<std::shared_ptr<const json>> outcome) {
@@ -294,7 +319,7 @@ Ended run_reconstruction(const std::string& job, const fs::path& scan_directory,
       run.tell("read", static_cast<double>(i + 1) / static_cast<double>(keys.size()));
     }
     Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
-    return write_results(scan, std::move(made), choices, run);
+    return write_results(scan, std::move(made), {}, choices, run);
   };
   tbb::task_arena arena(choices.threads);
   return ended(LaneName::compute,
