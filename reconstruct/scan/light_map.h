@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <new>
 #include <string>
 #include <type_traits>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "alhazen/image.h"
+#include "reconstruct/scan/pixel_memory.h"
 
 namespace alhazen {
 
@@ -30,23 +32,25 @@ struct StackKey {
   friend auto operator<=>(const StackKey&, const StackKey&) = default;
 };
 
-/// Memory of a light map's lists: aligned for any vector unit, and resize(n) leaves new elements as
-/// they are, for filling the lists of a large sensor twice takes as long as decoding it. Use
-/// resize(n, value) or assign(n, value) for lists that are not written as a whole.
+/// Memory of a light map's lists: take_pixels(), and resize(n) leaves new elements as they are, for
+/// filling the lists of a large sensor twice takes as long as decoding it. Use resize(n, value) or
+/// assign(n, value) for lists that are not written as a whole.
 template <class T>
 struct PixelAllocator {
   static_assert(std::is_trivially_copyable_v<T>);
   using value_type = T;
-  static constexpr std::align_val_t kAlignment{64};
+  static_assert(alignof(T) <= kPixelAlignment);
 
   PixelAllocator() = default;
   template <class Other>
   // NOLINTNEXTLINE(google-explicit-constructor): allocators convert
   PixelAllocator(const PixelAllocator<Other>& /*other*/) noexcept {}
   [[nodiscard]] T* allocate(std::size_t count) {
-    return static_cast<T*>(::operator new(count * sizeof(T), kAlignment));
+    if (count > std::numeric_limits<std::size_t>::max() / sizeof(T))
+      throw std::bad_array_new_length();
+    return static_cast<T*>(take_pixels(count * sizeof(T)));
   }
-  void deallocate(T* list, std::size_t /*count*/) noexcept { ::operator delete(list, kAlignment); }
+  void deallocate(T* list, std::size_t count) noexcept { give_pixels(list, count * sizeof(T)); }
   template <class Other, class... Arguments>
   void construct(Other* place, Arguments&&... arguments) {
     if constexpr (sizeof...(Arguments) == 0) {
