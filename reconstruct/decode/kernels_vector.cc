@@ -237,7 +237,7 @@ HWY_INLINE void read_axis(const AxisBits& axis, const std::uint8_t* planes, unsi
   // From coarse to fine: the cell's first and last position, and whether they are beyond the
   // display.
   BlockPlane first_of[kMaxBits], last_of[kMaxBits];
-  V8 below, over = zero;
+  V8 over = zero;
   {
     V8 within = any, binary = zero, mixed = several, unresolved_above = zero, seen = zero;
     V8 first_less = zero, first_more = zero, last_less = zero;
