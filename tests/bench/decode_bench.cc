@@ -176,7 +176,7 @@ void decode_opencv(benchmark::State& state) {
 void sizes(benchmark::internal::Benchmark* bench) {
   bench->ArgNames({"side_px", "cameras"})->Unit(benchmark::kMillisecond);
   bench->Args({1024, 1})->Args({2048, 1})->Args({4096, 1})->Args({2048, 4});
-  bench->Iterations(15);
+  bench->Iterations(40);
 }
 BENCHMARK(decode_mono8)->Apply(sizes);
 BENCHMARK(decode_mono16)->Apply(sizes);
