@@ -33,11 +33,11 @@ struct DecodeOptions {
 /// Folds the frames of one stack (camera × display × stop) into a light map as they arrive.
 /// Thread-bound.
 ///
-/// Memory: per pixel 1 or 2 bytes of contrast, 2 bits, 3 bits a pattern pair. Pairs are folded four
-/// at a time (one by one, contrast is read as often as two frames' quarter: a fifth of the time),
-/// so up to eight frames are held, and all that come before white and black; so show white and
-/// black first, and each pattern next to its inverse. The result does not depend on the order.
-/// Labels: mirror   every bit from the coarsest down to the finest resolved one agrees
+/// Memory: per pixel 1 or 2 bytes of contrast, two bits, and three bits a pattern pair. Pairs are
+/// folded four at a time, for each time reads the contrast again; so up to eight frames are held,
+/// and all that come before white and black. So show white and black first, and each pattern next
+/// to its inverse. The result does not depend on the order. Labels: mirror   every bit from the
+/// coarsest down to the finest resolved one agrees
 ///         mixed    contrast, but no such agreement, no resolved bit, or a code beyond the display
 ///         saturated  as none or mixed, and white is at full scale: a shorter exposure may help
 ///         none     no contrast
