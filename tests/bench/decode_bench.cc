@@ -103,6 +103,7 @@ std::vector<LightMap> decode(std::span<const Stack> cameras) {
     }
   }
   std::vector<LightMap> maps;
+  maps.reserve(decoders.size());
   for (Decoder& decoder : decoders) maps.push_back(*std::move(decoder).finish());
   return maps;
 }

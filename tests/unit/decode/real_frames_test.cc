@@ -156,6 +156,7 @@ TEST_F(RealFrames, EqualOpenCvWhereverBothAreValid) {
       cv::structured_light::GrayCodePattern::create(kDisplayWidth_px, kDisplayHeight_px);
   opencv->setWhiteThreshold(kOpenCvWhiteThreshold);
   std::vector<cv::Mat> pictures;  // getProjPixel() takes no white and black, and knows no mask
+  pictures.reserve(kWhite);
   for (int number = 0; number < kWhite; ++number) pictures.push_back(picture(number));
   std::size_t decoded = 0, single = 0, by_opencv = 0, both = 0, equal = 0, cells = 0, holding = 0;
   for (int y = 0; y < map_.region.height; ++y) {
