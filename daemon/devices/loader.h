@@ -3,7 +3,6 @@
 #include <filesystem>
 #include <map>
 #include <string>
-#include <string_view>
 
 #include "alhazen/driver.h"
 #include "alhazen/result.h"
@@ -16,8 +15,8 @@ class Loader {
  public:
   explicit Loader(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
-  /// The entry of driver `name`, loaded at the first call; judged (ABI number, build tag, name)
-  /// before any of its functions runs.
+  /// The entry of driver `name`, loaded at the first call. ABI number, build tag and name are
+  /// judged by the bytes of its file, before any of its code runs, initialisers among it.
   /// Fails: unavailable (no such file, not a loadable module), unsupported (no entry, other ABI,
   ///        other build, other name).
   [[nodiscard]] Result<const AlhazenDriverEntry*> load(const std::string& name);
@@ -29,8 +28,5 @@ class Loader {
   std::filesystem::path folder_;
   std::map<std::string, const AlhazenDriverEntry*, std::less<>> entries_;
 };
-
-/// Whether this core can use a driver. Fails: unsupported, saying what differs.
-[[nodiscard]] Status judge(const AlhazenDriverEntry& entry, std::string_view expected_name);
 
 }  // namespace alhazen

@@ -5,6 +5,12 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <string>
+
+/// Every odd driver counts itself here as soon as any of its code runs.
+extern "C" __attribute__((visibility("default"))) int odd_drivers_begun;
+int odd_drivers_begun = 0;
 
 namespace alhazen {
 namespace {
@@ -21,6 +27,7 @@ TEST(Loader, ADriverThatFitsIsLoadedOnce) {
   EXPECT_STREQ((*entry)->name, "fits");
   EXPECT_FALSE((*entry)->virtual_time);
   EXPECT_EQ(*loader.load("fits"), *entry);
+  EXPECT_EQ(odd_drivers_begun, 1) << "the count below would prove nothing";
 }
 
 /// A driver that must be refused, and what is said about it.
@@ -31,9 +38,11 @@ struct Refused {
 };
 class RefusedDriver : public testing::TestWithParam<Refused> {};
 
-TEST_P(RefusedDriver, IsRefusedWithASentence) {
+TEST_P(RefusedDriver, IsRefusedWithASentenceBeforeItsCodeRuns) {
+  const int begun = odd_drivers_begun;
   const auto entry = Loader(kFolder).load(GetParam().name);
   ASSERT_FALSE(entry);
+  EXPECT_EQ(odd_drivers_begun, begun);
   EXPECT_EQ(entry.error().code, GetParam().code);
   EXPECT_THAT(entry.error().what,
               AllOf(HasSubstr(GetParam().said), HasSubstr(GetParam().said_too)));
@@ -59,7 +68,23 @@ TEST(Loader, AFileThatIsNoModuleIsRefused) {
   const auto entry = Loader(folder).load("text");
   ASSERT_FALSE(entry);
   EXPECT_EQ(entry.error().code, Code::unavailable);
-  EXPECT_THAT(entry.error().what, HasSubstr("driver 'text' cannot be loaded"));
+  EXPECT_THAT(entry.error().text(), HasSubstr("driver 'text' cannot be loaded"));
+
+  // A driver cut off anywhere, or with any of its first bytes changed, is refused or judged.
+  std::ifstream in(kFolder + "/alhazen-other-abi.so", std::ios::binary);
+  const std::string whole(std::istreambuf_iterator<char>(in), {});
+  ASSERT_GT(whole.size(), 1000U);
+  const auto refuse = [&](const std::string& bytes) {
+    std::ofstream(folder / "alhazen-other-abi.so", std::ios::binary) << bytes;
+    EXPECT_FALSE(Loader(folder).load("other-abi"));
+  };
+  for (std::size_t length = 0; length < whole.size(); length += whole.size() / 50)
+    refuse(whole.substr(0, length));
+  for (std::size_t i = 0; i < 64; ++i) {
+    std::string bytes = whole;
+    bytes[i] = static_cast<char>(~bytes[i]);
+    refuse(bytes);
+  }
   std::filesystem::remove_all(folder);
 }
 

@@ -8,6 +8,15 @@
 #define ODD_BUILD ALHAZEN_DRIVER_BUILD
 #endif
 
+/// Of the test: how many modules have run code. Absent in other programs.
+extern "C" __attribute__((weak)) int odd_drivers_begun;
+
+namespace {
+__attribute__((constructor)) void begin() {
+  if (&odd_drivers_begun != nullptr) ++odd_drivers_begun;
+}
+}  // namespace
+
 #ifdef ODD_NO_ENTRY
 extern "C" __attribute__((visibility("default"))) int odd_driver_something_else;
 int odd_driver_something_else = 1;
