@@ -170,7 +170,7 @@ App::~App() = default;
 Result<std::unique_ptr<App>> App::open(Config config, Loader loader, Options options) {
   // Whatever can be wrong with drivers, rig and plans is said before anything is touched.
   for (const DriverSpec& driver : config.devices.drivers)
-    static_cast<void>(ALHAZEN_TRY(loader.load(driver.use).in("driver " + driver.name)));
+    if (const auto entry = loader.load(driver.use); !entry) return driver.blame(entry.error());
   ALHAZEN_TRY(check_clock(config, loader));
   Site site;
   site.rig = ALHAZEN_TRY(Rig::load(config.rig_file).in("rig file " + config.rig_file.string()));

@@ -87,6 +87,19 @@ Result<Settings::Value> value_of(const toml::node& node, const fs::path& file,
       "key '" + key + "' must be true or false, a number, text in quotes or an array of numbers");
 }
 
+/// Where a table begins: "rig.toml:12".
+std::string place_of(const fs::path& file, const toml::table& table) {
+  return file.string() + ":" + std::to_string(line_of(table));
+}
+
+/// A key that must be there, as text. Fails: invalid, at the line where its table begins.
+Status require(const toml::table& table, const fs::path& file, const std::string& name,
+               const char* key) {
+  if (table.contains(key)) return {};
+  return complaint(file, line_of(table),
+                   "key '" + dotted(name, key) + "' is missing; it must be text in quotes");
+}
+
 /// Entries of a table in the order of the file.
 std::vector<std::pair<std::string, const toml::node*>> in_order(const toml::table& table) {
   std::vector<std::pair<std::string, const toml::node*>> entries;
@@ -165,6 +178,10 @@ Result<Config> daemon_of(const toml::table& root, const fs::path& file) {
   if (node == nullptr || !node->is_table())
     return complaint(file, node != nullptr ? line_of(*node) : 0, "table [daemon] is missing");
   const Settings settings = ALHAZEN_TRY(settings_of(*node->as_table(), file, "daemon"));
+  const auto path = [&](const char* key) -> Result<std::string> {
+    ALHAZEN_TRY(require(*node->as_table(), file, "daemon", key));
+    return settings.path(key);
+  };
   const auto path_or = [&](const char* key, const char* fallback) {
     return settings.has(key) ? settings.path(key) : Result<std::string>(std::string(fallback));
   };
@@ -174,9 +191,9 @@ Result<Config> daemon_of(const toml::table& root, const fs::path& file) {
   };
   Config config;
   config.file = file;
-  config.data_directory = ALHAZEN_TRY(settings.path("data"));
-  config.rig_file = ALHAZEN_TRY(settings.path("rig"));
-  config.plan_folder = ALHAZEN_TRY(settings.path("plans"));
+  config.data_directory = ALHAZEN_TRY(path("data"));
+  config.rig_file = ALHAZEN_TRY(path("rig"));
+  config.plan_folder = ALHAZEN_TRY(path("plans"));
   config.driver_folder = ALHAZEN_TRY(path_or("drivers", ""));
   config.preview_directory = ALHAZEN_TRY(path_or("preview", "/run/alhazen/preview"));
   for (const auto& [key, fallback, endpoint] :
@@ -217,6 +234,8 @@ Result<std::vector<DeviceSpec>> devices_of(const toml::table& root, const std::s
     const Settings own = ALHAZEN_TRY(settings_of(*table, file, label));
     DeviceSpec spec;
     spec.name = name;
+    spec.place = place_of(file, *table);
+    ALHAZEN_TRY(require(*table, file, label, "driver"));
     spec.driver = ALHAZEN_TRY(own.text("driver"));
     if (std::none_of(drivers.begin(), drivers.end(),
                      [&](const DriverSpec& driver) { return driver.name == spec.driver; }))
@@ -248,6 +267,8 @@ Result<Config> config_of(const toml::table& root, const fs::path& file) {
   for (const auto& [name, table] : ALHAZEN_TRY(tables_of(root, "driver", file))) {
     DriverSpec spec;
     spec.name = name;
+    spec.place = place_of(file, *table);
+    ALHAZEN_TRY(require(*table, file, "driver." + name, "use"));
     const Settings own = ALHAZEN_TRY(settings_of(*table, file, "driver." + name));
     spec.use = ALHAZEN_TRY(own.text("use"));
     if (!is_name(spec.use))
@@ -380,8 +401,9 @@ Result<Config> Config::load(const fs::path& file) {
   const toml::table root = ALHAZEN_TRY(parse_toml(text, absolute));
   const auto missing = [&](const char* key, const fs::path& path, const char* wanted) {
     return complaint(absolute, line_of(*root["daemon"][key].node()),
-                     "key 'daemon." + std::string(key) + "' names " + path.string() +
-                         ", which does not exist; it must be " + wanted);
+                     "key 'daemon." + std::string(key) + "' names " + path.string() + ", which " +
+                         (fs::exists(path, trouble) ? "is something else" : "does not exist") +
+                         "; it must be " + wanted);
   };
   if (!fs::is_regular_file(config.rig_file, trouble))
     return missing("rig", config.rig_file, "a calibrated rig.json");
@@ -417,9 +439,9 @@ Result<std::vector<Preset>> load_presets(const fs::path& folder) {
 Status check_clock(const Config& config, Loader& loader) {
   if (config.clock != ClockKind::virtual_time) return {};
   for (const DriverSpec& driver : config.devices.drivers) {
-    const AlhazenDriverEntry* entry =
-        ALHAZEN_TRY(loader.load(driver.use).in("driver " + driver.name));
-    if (!entry->virtual_time)
+    const auto entry = loader.load(driver.use);
+    if (!entry) return driver.blame(entry.error());
+    if (!(*entry)->virtual_time)
       return Error{Code::invalid,
                    "clock = \"virtual\" needs drivers that keep to the clock they "
                    "are lent, but driver " +

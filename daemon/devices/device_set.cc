@@ -70,7 +70,7 @@ struct DeviceSet::State {
       if (opened) continue;
       const Code code = opened.error().code;
       if (code == Code::invalid || code == Code::unsupported || code == Code::internal)
-        return opened.error();
+        return spec.place.empty() ? opened.error() : opened.error().in(spec.place);
       context.host.log.write(Severity::warning, opened.error().text());
     }
     return {};
@@ -102,12 +102,15 @@ Result<std::unique_ptr<DeviceSet>> DeviceSet::open(const DeviceSpecs& specs, Loa
 
   auto state = std::make_unique<State>(host);
   for (const DriverSpec& spec : specs.drivers) {
-    const AlhazenDriverEntry* entry = ALHAZEN_TRY(loader.load(spec.use).in("driver " + spec.name));
+    const auto entry = loader.load(spec.use);
+    if (!entry) return spec.blame(entry.error());
     auto open = std::make_unique<OpenDriver>();
     open->spec = spec;
-    open->driver = ALHAZEN_TRY(
-        entry->open(state->context.host, open->spec.settings).in("driver " + spec.name));
-    ALHAZEN_TRY(open->spec.settings.all_known().in("driver " + spec.name));
+    auto driver = (*entry)->open(state->context.host, open->spec.settings);
+    if (!driver) return spec.blame(driver.error());
+    open->driver = *std::move(driver);
+    if (const Status known = open->spec.settings.all_known(); !known)
+      return spec.blame(known.error());
     state->drivers.push_back(std::move(open));
   }
   state->cameras_specs = specs.cameras;

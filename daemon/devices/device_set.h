@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -20,6 +21,13 @@ namespace alhazen {
 struct DriverSpec {
   std::string name, use;
   Settings settings;
+  std::string place = {};  ///< for messages: "/etc/alhazen/rig.toml:18"
+
+  /// "driver lab", as errors name it.
+  [[nodiscard]] Error blame(Error error) const {
+    error = std::move(error).in("driver " + name);
+    return place.empty() ? error : std::move(error).in(place);
+  }
 };
 
 /// [camera.NAME], [display.NAME] or [turntable.NAME]: a device and the driver instance that opens
@@ -28,6 +36,7 @@ struct DeviceSpec {
   std::string name, driver;
   Settings settings;
   CameraSettings preferred;  ///< cameras: exposure and gain where a request leaves them open
+  std::string place = {};    ///< for messages: "/etc/alhazen/rig.toml:35"
 };
 
 struct DeviceSpecs {

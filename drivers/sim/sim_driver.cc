@@ -1,5 +1,8 @@
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -68,8 +71,9 @@ class SimDriver final : public Driver {
 Result<std::unique_ptr<Driver>> open_checked(const Host& host, const Settings& settings) {
   const std::string file = ALHAZEN_TRY(settings.path("world"));
   SceneOverrides overrides;
-  if (settings.has("object_mesh"))
-    overrides.object_mesh = ALHAZEN_TRY(settings.path("object_mesh"));
+  std::optional<std::string> mesh;
+  if (settings.has("object_mesh")) mesh = ALHAZEN_TRY(settings.path("object_mesh"));
+  if (mesh) overrides.object_mesh = *mesh;
   if (settings.has("object_size_mm"))
     overrides.object_size_mm =
         ALHAZEN_TRY(settings.number("object_size_mm", kSmallestSizeMm, kLargestSizeMm));
@@ -77,6 +81,12 @@ Result<std::unique_ptr<Driver>> open_checked(const Host& host, const Settings& s
   if (settings.has("seed"))
     overrides.seed =
         static_cast<std::uint64_t>(ALHAZEN_TRY(settings.integer("seed", 0, INT64_MAX)));
+  std::error_code trouble;
+  for (const auto& [key, path] :
+       {std::pair("world", std::optional<std::string>(file)), std::pair("object_mesh", mesh)})
+    if (path && !std::filesystem::is_regular_file(*path, trouble))
+      return Error{Code::invalid, "key '" + std::string(key) + "' names " + *path +
+                                      ", which does not exist; it must be a file"};
   Scene scene = ALHAZEN_TRY(Scene::load(file, overrides));
   std::shared_ptr<World> world = ALHAZEN_TRY(World::make(std::move(scene)));
   host.log.write(Severity::info, "simulated world " + file + ": " +

@@ -122,7 +122,10 @@ TEST(SimDriver, RefusesAWrongWorld) {
   const auto open = [&] { return code_of((*loader.load("sim"))->open({clock, log}, settings)); };
   EXPECT_EQ(text_of(open()), "invalid");
   settings.set("world", std::string("/nowhere.toml"));
-  EXPECT_EQ(text_of(open()), "unavailable");
+  const auto nowhere = (*loader.load("sim"))->open({clock, log}, settings);
+  ASSERT_FALSE(nowhere);
+  EXPECT_EQ(nowhere.error().text(),
+            "invalid: key 'world' names /nowhere.toml, which does not exist; it must be a file");
   settings.set("world", std::string(ALHAZEN_SOURCE_DIR "/config/worlds/small.toml"));
   EXPECT_EQ(text_of(open()), "success");
   settings.set("object_mesh", std::string("/nowhere.ply"));  // the small world has a sphere

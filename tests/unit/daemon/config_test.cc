@@ -79,6 +79,16 @@ TEST(Config, EverythingIsReadInTheOrderOfTheFile) {
   EXPECT_EQ(config->devices.cameras[1].name, "c2");
 }
 
+/// Whatever a driver or a device finds wrong later is said with the place it was configured at.
+TEST(Config, DriversAndDevicesKnowWhereTheyStand) {
+  const auto config = parse(kWhole);
+  ASSERT_TRUE(config) << config.error().text();
+  EXPECT_EQ(config->devices.drivers[0].place, "/etc/a/rig.toml:6");
+  EXPECT_EQ(config->devices.cameras[0].place, "/etc/a/rig.toml:9");
+  EXPECT_EQ(config->devices.drivers[0].blame({Code::invalid, "no world"}).text(),
+            "invalid: no world (/etc/a/rig.toml:6 / driver lab)");
+}
+
 TEST(Config, EndpointsStayOnThisMachine) {
   EXPECT_EQ(parse(daemon_with("control = \"ipc://run/c\""))->control_endpoint,
             "ipc:///etc/a/run/c");
@@ -112,7 +122,8 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"", "table [daemon] is missing"},
         Wrong{"daemon = 3\n", "/etc/a/rig.toml:1: table [daemon] is missing"},
         Wrong{"[daemon]\ndata = \n", "/etc/a/rig.toml:2: "},
-        Wrong{"[daemon]\nrig = \"r\"\nplans = \"p\"\n", "key 'daemon.data' is missing"},
+        Wrong{"[daemon]\nrig = \"r\"\nplans = \"p\"\n",
+              "/etc/a/rig.toml:1: key 'daemon.data' is missing"},
         Wrong{daemon_with("colour = 1"), ":5: unknown key 'daemon.colour'"},
         Wrong{"[daemon]\ndata = 5\n", ":2: key 'daemon.data' is 5; it must be text in quotes"},
         Wrong{"[daemon]\ndata = \"\"\n", "it must be a path that is not empty"},
@@ -133,9 +144,9 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"camera = 3\n" + kDaemon, ":1: 'camera' must be tables called [camera.NAME]"},
         Wrong{kDaemon + "[driver.Lab]\nuse = \"sim\"\n",
               ":5: name 'Lab' must be 1 to 32 characters of a-z 0-9 _ -"},
-        Wrong{kDaemon + "[driver.lab]\n", "key 'driver.lab.use' is missing"},
+        Wrong{kDaemon + "[driver.lab]\n", ":5: key 'driver.lab.use' is missing"},
         Wrong{kDaemon + "[driver.lab]\nuse = \"../x\"\n", ":6: key 'driver.lab.use' is \"../x\""},
-        Wrong{kDaemon + "[camera.c]\nid = \"1\"\n", "key 'camera.c.driver' is missing"},
+        Wrong{kDaemon + "[camera.c]\nid = \"1\"\n", ":5: key 'camera.c.driver' is missing"},
         Wrong{kDaemon + "[camera.c]\ndriver = \"lab\"\n",
               ":6: key 'camera.c.driver' is \"lab\", but there is no table [driver.lab]"},
         Wrong{kWhole + "[display.c2]\ndriver = \"lab\"\n", "two devices are called 'c2'"},
@@ -176,6 +187,9 @@ TEST_F(LoadConfig, WhatItNamesMustExist) {
             (folder_ / "a.toml").string() + ":3: key 'daemon.rig' names " +
                 (folder_ / "rig.json").string() +
                 ", which does not exist; it must be a calibrated rig.json");
+  fs::create_directories(folder_ / "rig.json");
+  EXPECT_THAT(Config::load(folder_ / "a.toml").error().what,
+              HasSubstr("which is something else; it must be a calibrated rig.json"));
   EXPECT_EQ(Config::load(folder_ / "b.toml").error().code, Code::unavailable);
 }
 

@@ -208,6 +208,12 @@ TEST_F(DeviceSetTest, AKeyNobodyAskedForIsAnError) {
   specs_.drivers[0].settings.set("colour", std::string("red"), 3);
   EXPECT_EQ(open().error().text(),
             "invalid: fake.toml:3: unknown key 'driver.fake.colour' (driver fake)");
+  specs_.drivers[0].place = "fake.toml:2";
+  EXPECT_EQ(open().error().where, "fake.toml:2 / driver fake");
+  specs_ = fake_.specs();
+  specs_.cameras[1].settings.set("exposre", 1.0, 14);
+  specs_.cameras[1].place = "fake.toml:12";
+  EXPECT_EQ(open().error().where, "fake.toml:12 / camera c1 / open");
 }
 
 TEST_F(DeviceSetTest, WrongConfigurationsAreRefused) {
