@@ -111,7 +111,7 @@ std::vector<Verb> make_table() {
        false});
   add({"rig.check",
        Role::operator_,
-       "opens what is missing, sets and reads back every device, checks disk",
+       "opens what is missing, reads back settings, takes a frame of each camera, checks disk",
        {},
        "{job}",
        "conflict: the daemon is stopping",

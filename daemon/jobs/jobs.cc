@@ -659,6 +659,13 @@ void Jobs::change(Entry& entry, JobState to) {
   entry.job.pausing = false;
   save(entry);
   publish_state(entry);
+  // What an operator reads in the morning; an error has had its own line, with more in it.
+  if (entry.job.error) return;
+  std::string line = "job " + entry.job.id + " (" + std::string(name_of(entry.job.kind));
+  if (!entry.job.scan.empty()) line += " " + entry.job.scan;
+  line += ") is " + std::string(name_of(to));
+  if (!entry.job.pause_reason.empty()) line += ": " + entry.job.pause_reason;
+  log_.write(Severity::info, line);
 }
 
 void Jobs::save(Entry& entry) {
@@ -780,10 +787,8 @@ void Jobs::on(Entry& entry, const Retaken& retaken) {
 
 void Jobs::on(Entry& entry, const Held& held) {
   if (!held.reason.empty() && entry.job.state == JobState::running) {
-    change(entry, JobState::paused);
     entry.job.pause_reason = held.reason;
-    save(entry);
-    publish_state(entry);
+    change(entry, JobState::paused);
   } else if (held.reason.empty() && entry.job.state == JobState::paused) {
     change(entry, JobState::running);
   }

@@ -4,9 +4,12 @@
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <string>
 #include <system_error>
 #include <utility>
+#include <vector>
 
+#include "daemon/capture/freshness.h"
 #include "reconstruct/scan/image_file.h"
 
 namespace alhazen {
@@ -33,6 +36,9 @@ class Checks {
 std::string size_text(int width_px, int height_px) {
   return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
 }
+
+/// Beyond a camera's own longest readout: scheduling of a loaded machine.
+constexpr Micros kFrameAllowance{250'000};
 
 void check_readings(const DeviceDescription& device, Checks& checks) {
   for (const Reading& reading : device.readings)
@@ -68,6 +74,49 @@ void check_camera(DeviceSet& devices, const Rig& rig, const DeviceDescription& a
     checks.add(about.name + " settings", is_near(wanted, *set),
                "exposure " + std::to_string(set->exposure.count()) + " us, wanted " +
                    std::to_string(wanted.exposure.count()) + " us");
+}
+
+/// One frame of every camera that is ready, all at once, as a scan takes them: whether each says
+/// when its exposure began (clock) and delivers in the time that its info promises (bandwidth).
+Status check_frames(RigRoom& room, const std::vector<std::string>& cameras,
+                    const std::stop_token& stop, Checks& checks) {
+  DeviceSet& devices = room.devices();
+  Clock& clock = room.clock();
+  struct Taken {
+    std::string camera;
+    Time triggered{}, ends{};
+  };
+  std::vector<Taken> pending;
+  for (const std::string& camera : cameras) {
+    const Time triggered = clock.now();
+    const auto ends = devices.camera(camera)->trigger();
+    if (ends)
+      pending.push_back({camera, triggered, *ends});
+    else
+      checks.add(camera + " trigger", false, ends.error().text());
+  }
+  bool cancelled = false;
+  for (const Taken& taken : pending) {
+    Camera& camera = *devices.camera(taken.camera);
+    const Micros allowed = camera.info().readout_max + kFrameAllowance;
+    // All are collected, whatever happened to one: none may be left with a frame pending.
+    const auto frame = camera.wait_frame(taken.ends + allowed, stop);
+    if (!frame) {
+      cancelled = cancelled || frame.error().code == Code::cancelled;
+      checks.add(taken.camera + " bandwidth", false, frame.error().text());
+      continue;
+    }
+    char text[80];
+    std::snprintf(text, sizeof text, "%.2f MB within %.0f ms of their exposure",
+                  static_cast<double>(frame->image.bytes().size()) / 1e6,
+                  static_cast<double>(allowed.count()) / 1e3);
+    checks.add(taken.camera + " bandwidth", true, text);
+    const auto off = std::chrono::duration_cast<Micros>(frame->exposure_begin - taken.triggered);
+    checks.add(taken.camera + " clock", off >= -kClockTolerance && off <= kFrameAllowance,
+               "its exposure began " + std::to_string(off.count()) + " us after the trigger");
+  }
+  if (cancelled) return Error{Code::cancelled, "stop requested"};
+  return {};
 }
 
 void check_display(const Rig& rig, const DeviceDescription& about, Checks& checks) {
@@ -111,13 +160,18 @@ Result<std::shared_ptr<const json>> check_rig(RigRoom& room, const Rig& rig,
                opened ? "opened again" : opened.error().text());
   }
   devices.refresh_readings();
+  std::vector<std::string> cameras;
   for (const DeviceDescription& about : devices.describe()) {
     if (stop.stop_requested()) return Error{Code::cancelled, "stop requested"};
     if (about.state != DeviceState::ready) continue;
-    if (about.kind == DeviceKind::camera) check_camera(devices, rig, about, checks);
+    if (about.kind == DeviceKind::camera) {
+      check_camera(devices, rig, about, checks);
+      cameras.push_back(about.name);
+    }
     if (about.kind == DeviceKind::display) check_display(rig, about, checks);
     check_readings(about, checks);
   }
+  ALHAZEN_TRY(check_frames(room, cameras, stop, checks));
 
   std::error_code error;
   const fs::space_info space = fs::space(data_directory, error);

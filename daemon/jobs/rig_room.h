@@ -47,8 +47,9 @@ class RigRoom {
   std::unique_ptr<DeviceSet> devices_;
 };
 
-/// Work of the job `check`: opens what is missing, sets and reads back every device, compares it
-/// with the calibrated rig, looks at disk and calibration age.
+/// Work of the job `check`: opens what is missing, reads back settings, takes a frame of every
+/// camera (bandwidth, clock), compares sizes with the calibrated rig, looks at disk and calibration
+/// age.
 /// Returns: {ok, checks: [{name, ok, detail}]}; a check that fails is no error.
 /// Fails: cancelled. Caller: rig lane.
 [[nodiscard]] Result<std::shared_ptr<const nlohmann::json>> check_rig(

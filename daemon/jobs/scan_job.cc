@@ -171,6 +171,17 @@ class Elapsed {
   double cpu_s_ = seconds_of(CLOCK_PROCESS_CPUTIME_ID), wall_s_ = seconds_of(CLOCK_MONOTONIC);
 };
 
+/// The mesh of all light maps. That nothing agrees with them, which a preview may wait for to
+/// change (conflict), is the plan's fault now.
+Result<Reconstructed> finish(Reconstruction& reconstruction, const Run& run) {
+  Result<Reconstructed> made = reconstruction.finish(run);
+  if (!made && made.error().code == Code::conflict)
+    return Error{Code::invalid,
+                 made.error().what + "; take more stops, cameras or displays, or another volume",
+                 made.error().where};
+  return made;
+}
+
 /// mesh.ply and what else was asked for, report.json, report.html.
 Result<std::shared_ptr<const json>> write_results(const Scan& scan, Reconstructed made,
                                                   std::vector<StageTime> capture_times,
@@ -259,7 +270,7 @@ Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, E
     return Error{Code::cancelled, "the scan ended before its last light map"};
   // What ran beside adding and previews is counted there: the clock is the whole process's.
   StageTime captured = elapsed.read("capture, decode");
-  Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
+  Reconstructed made = ALHAZEN_TRY(finish(reconstruction, run));
   for (const StageTime& stage : made.times)
     if (stage.stage == "add" || stage.stage == "preview") captured.cpu_s -= stage.cpu_s;
   return write_results(scan, std::move(made), {std::move(captured)}, work.reconstruction, run);
@@ -318,7 +329,7 @@ Ended run_reconstruction(const std::string& job, const fs::path& scan_directory,
       ALHAZEN_TRY(reconstruction.add(map));
       run.tell("read", static_cast<double>(i + 1) / static_cast<double>(keys.size()));
     }
-    Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
+    Reconstructed made = ALHAZEN_TRY(finish(reconstruction, run));
     return write_results(scan, std::move(made), {}, choices, run);
   };
   tbb::task_arena arena(choices.threads);
