@@ -22,7 +22,7 @@ struct Config {
   std::filesystem::path data_directory;          ///< scans/ and the index live here
   std::filesystem::path rig_file;                ///< calibrated rig.json
   std::filesystem::path plan_folder;             ///< presets
-  std::filesystem::path driver_folder;           ///< empty: ../lib of the executable
+  std::filesystem::path driver_folder;           ///< empty: see main.cc
   std::filesystem::path preview_directory;       ///< where preview pictures are renamed into
   std::string control_endpoint, event_endpoint;  ///< ZeroMQ: ipc://… or tcp://…
   ClockKind clock = ClockKind::system;

@@ -20,12 +20,14 @@ struct Flags {
   bool check = false;
 };
 
-/// Where drivers lie when nobody said so: ../lib of the executable, of a build and of an
-/// installation alike.
+/// Where drivers lie when nobody said so: ../lib/alhazen of the executable where it is installed,
+/// ../lib of a build.
 fs::path default_driver_folder() {
   std::error_code error;
   const fs::path self = fs::read_symlink("/proc/self/exe", error);
-  return error ? fs::path("/usr/lib/alhazen") : self.parent_path().parent_path() / "lib";
+  if (error) return "/usr/lib/alhazen";
+  const fs::path lib = self.parent_path().parent_path() / "lib";
+  return fs::is_directory(lib / "alhazen", error) ? lib / "alhazen" : lib;
 }
 
 Status serve(const Flags& flags) {
@@ -55,7 +57,7 @@ int run(int argc, char** argv) {
       "SIGINT: a running scan is kept and can be resumed.",
       "alhazend"};
   cli.set_version_flag("--version", software_version());
-  cli.add_option("-c,--config", flags.config, "configuration of the rig (TOML)")
+  cli.add_option("-c,--config,config", flags.config, "configuration of the rig (TOML)")
       ->capture_default_str();
   cli.add_option("--data", flags.data, "directory of scans and index, instead of the configured");
   cli.add_option("--endpoint", flags.endpoint, "control socket, instead of the configured");

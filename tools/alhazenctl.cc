@@ -2,6 +2,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <fstream>
@@ -10,6 +11,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "daemon/control/message.h"
@@ -152,15 +154,23 @@ Result<int> perform(const Command& command, const Common& common) {
   return worst;
 }
 
+/// What a person may do about an error that the daemon did not answer with, or did.
+std::string hint_about(const Error& error) {
+  if (error.code == Code::unavailable)
+    return "is alhazend running, and is it this endpoint? --endpoint or ALHAZEN_ENDPOINT names it";
+  if (error.code == Code::timeout) return "--timeout gives it more time";
+  return std::string(hint_of(error.code));
+}
+
 int complain(const Error& error, bool as_json) {
   if (as_json) {
-    std::printf("%s\n", dump({{"error", to_json(error)}}, 2).c_str());
+    json told = to_json(error);
+    told["hint"] = hint_about(error);
+    std::printf("%s\n", dump({{"error", std::move(told)}}, 2).c_str());
   } else {
     std::fprintf(stderr, "alhazenctl: %s\n", printable(error.text()).c_str());
-    // Of a daemon that cannot be reached, nothing is known about devices.
-    const bool about_daemon = error.code != Code::unavailable && error.code != Code::timeout;
-    if (const auto hint = hint_of(error.code); about_daemon && !hint.empty())
-      std::fprintf(stderr, "hint: %s\n", std::string(hint).c_str());
+    if (const std::string hint = hint_about(error); !hint.empty())
+      std::fprintf(stderr, "hint: %s\n", hint.c_str());
   }
   return exit_code(error.code);
 }
@@ -177,6 +187,7 @@ int run(int argc, char** argv) {
       "  alhazenctl scan submit bunny --plan-preset fine --watch\n"
       "  alhazenctl scan list                         what was scanned, and where it lies\n",
       "alhazenctl"};
+  cli.set_version_flag("--version", ALHAZEN_VERSION);
   cli.require_subcommand(1);
   cli.footer(
       "alhazenctl GROUP --help lists a group, alhazenctl GROUP VERB --help all about a verb.\n"
@@ -226,7 +237,9 @@ int run(int argc, char** argv) {
   } catch (const CLI::Success& success) {
     return cli.exit(success);
   } catch (const CLI::ParseError& error) {
-    return complain({Code::invalid, std::string(error.what()) + " (--help tells more)"}, false);
+    // Nothing is parsed yet, so the flag is looked for as it was typed.
+    const bool as_json = std::find(argv, argv + argc, std::string_view("--json")) != argv + argc;
+    return complain({Code::invalid, std::string(error.what()) + " (--help tells more)"}, as_json);
   }
 
   if (completion_app->parsed()) {

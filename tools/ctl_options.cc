@@ -89,13 +89,19 @@ json arguments_of(const std::vector<Option>& options,
 
 std::string completion(bool zsh) {
   std::map<std::string, std::vector<std::string>> words;
+  std::vector<std::string> first = {"completion"};
   std::string cases;
-  const std::vector<std::string> everywhere = {"--json",    "--endpoint", "--events",
-                                               "--timeout", "--args",     "--help"};
+  const std::vector<std::string> everywhere = {"--json", "--endpoint", "--events", "--timeout",
+                                               "--help"};
   for (const Verb& verb : verbs()) {
     words[std::string(verb.group())].emplace_back(verb.word());
     std::vector<std::string> line;
     for (const Option& option : options_of(verb)) {
+      if (option.argument->positional) {
+        // Its value stands alone; where it is one of a list, the list is what can be typed.
+        line.insert(line.end(), option.argument->choices.begin(), option.argument->choices.end());
+        continue;
+      }
       line.push_back("--" + option.name());
       if (option.argument->type == Type::choice)
         cases += "    " +
@@ -103,16 +109,24 @@ std::string completion(bool zsh) {
                         option.name()) +
                  ") words=" + quoted(joined(option.argument->choices)) + " ;;\n";
     }
-    if (verb.makes_job) line.insert(line.end(), {"--watch", "--idem"});
+    if (verb.makes_job) line.emplace_back("--watch");
+    if (verb.changes) line.emplace_back("--idem");
+    line.emplace_back("--args");
     line.insert(line.end(), everywhere.begin(), everywhere.end());
+    // The three of the session may be typed without their group.
+    const bool short_too = verb.group() == "session";
+    if (short_too) first.emplace_back(verb.word());
     cases += "    " + quoted(std::string(verb.group()) + " " + std::string(verb.word()) + " ") +
+             (short_too ? "|" + quoted(std::string(verb.word())) : "") +
              ") words=" + quoted(joined(line)) + " ;;\n";
   }
-  words["job"].emplace_back("watch");
-  words["events"].emplace_back("watch");
-  std::vector<std::string> groups = {"completion"};
+  for (const char* group : {"job", "events"}) {
+    words[group].emplace_back("watch");
+    cases += "    " + quoted(std::string(group) + " watch ") +
+             ") words=" + quoted(joined(everywhere)) + " ;;\n";
+  }
   for (const auto& [group, list] : words) {
-    groups.push_back(group);
+    first.push_back(group);
     cases += "    " + quoted(group) + ") words=" + quoted(joined(list)) + " ;;\n";
   }
   std::string script;
@@ -127,7 +141,7 @@ std::string completion(bool zsh) {
       "  fi\n"
       "  case $key in\n"
       "    '') words=" +
-      quoted(joined(groups)) + " ;;\n" + cases +
+      quoted(joined(first)) + " ;;\n" + cases +
       "    completion) words='bash zsh' ;;\n"
       "  esac\n"
       "  COMPREPLY=($(compgen -W \"$words\" -- \"$current\"))\n"

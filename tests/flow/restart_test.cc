@@ -9,12 +9,15 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <sstream>
 
+#include "daemon/control/verbs.h"
 #include "tests/support/daemon.h"
 
 namespace alhazen::testing {
@@ -276,9 +279,64 @@ TEST(Restart, TheClientTellsWhatBecomesOfAScan) {
   EXPECT_EQ(ctl({"scan", "submit", "x", "--level", "99"}).first, 64);
   EXPECT_EQ(ctl({"no", "verb"}).first, 64);
   EXPECT_THAT(ctl({"scan", "submit", "x", "--level", "99"}).second, HasSubstr("[4, 11]"));
+  // Flags that cannot be parsed are told as JSON, too.
+  const auto [wrong_code, wrong_text] = ctl({"job", "get", "--json"});
+  EXPECT_EQ(wrong_code, 64);
+  EXPECT_EQ(Json::parse(wrong_text)["error"]["code"], "invalid");
   Program nobody("alhazenctl", {"ping", "--endpoint", "ipc:///nowhere/control"},
                  site.folder() / "ctl");
   EXPECT_EQ(nobody.wait(), 69);
+  EXPECT_THAT(contents(site.folder() / "ctl"), HasSubstr("is alhazend running"));
+}
+
+TEST(Restart, TheClientCompletesOnlyWhatItAccepts) {
+  const TestSite site;
+  const auto told = [&](std::vector<std::string> arguments) {
+    Program alhazenctl("alhazenctl", std::move(arguments), site.folder() / "ctl");
+    EXPECT_EQ(alhazenctl.wait(), 0);
+    return contents(site.folder() / "ctl");
+  };
+  const std::string script = told({"completion", "bash"});
+  for (const Verb& verb : verbs()) {
+    const std::string group(verb.group()), word(verb.word());
+    const std::size_t row = script.find("'" + group + " " + word + " ')");
+    const std::size_t alias = script.find("'" + group + " " + word + " '|");
+    const std::size_t at = std::min(row, alias);
+    ASSERT_NE(at, std::string::npos) << verb.name;
+    const std::size_t begin = script.find("words='", at) + 7;
+    std::istringstream words(script.substr(begin, script.find('\'', begin) - begin));
+    const std::string help = told({group, word, "--help"});
+    for (std::string one; words >> one;) EXPECT_THAT(help, HasSubstr(one)) << verb.name;
+  }
+  EXPECT_THAT(script, HasSubstr("completion hello ping status config"));
+}
+
+TEST(Restart, AWrongConfigurationEndsTheDaemonWithFileLineAndKey) {
+  const TestSite site;
+  const auto refused = [&](const std::string& from, const std::string& to) {
+    std::string text = contents(site.config_file());
+    const std::size_t at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+    // Beside the right one, so that what it names is found.
+    const fs::path wrong = site.folder() / "wrong.toml";
+    std::ofstream(wrong) << text;
+    Program alhazend("alhazend", {wrong}, site.folder() / "log");
+    EXPECT_EQ(alhazend.wait(), 64) << from;
+    const std::size_t line = 1 + static_cast<std::size_t>(std::count(
+                                     text.begin(), text.begin() + static_cast<long>(at), '\n'));
+    return std::pair(contents(site.folder() / "log"), wrong.string() + ":" + std::to_string(line));
+  };
+  const auto [clock, clock_at] = refused("clock = \"virtual\"", "clock = \"fast\"");
+  EXPECT_THAT(clock, HasSubstr(clock_at + ": key 'daemon.clock' is \"fast\"; it must be"));
+  const auto [world, world_at] = refused("[driver.lab]\nuse = \"sim\"\nworld = \"world.toml\"",
+                                         "[driver.lab]\nuse = \"sim\"\nworld = \"no.toml\"");
+  EXPECT_THAT(world, HasSubstr("key 'world' names"));
+  EXPECT_THAT(world, HasSubstr("(" + world_at + " / driver lab)"));
+  const auto [id, id_at] = refused("[camera.c1]\ndriver = \"lab\"\nid = \"c1\"",
+                                   "[camera.c1]\ndriver = \"lab\"\nid = \"c7\"");
+  EXPECT_THAT(id, HasSubstr("it has c0, c1, c2"));
+  EXPECT_THAT(id, HasSubstr(id_at + " / camera c1"));
 }
 
 }  // namespace
