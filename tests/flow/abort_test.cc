@@ -69,6 +69,39 @@ TEST(Abort, AtEveryEvent) {
   EXPECT_TRUE(results_of(site.scan(submitted["scan"])) == undisturbed_results());
 }
 
+/// The scans above end before a mesh is made; here every event of making one is met.
+TEST(Abort, OfAReconstructionAtEveryEvent) {
+  const TestSite site;
+  TestDaemon daemon(site);
+  TestClient client = daemon.client();
+  const Json scan = client.ask("scan.submit", small_scan());
+  ASSERT_EQ(client.await_end(scan["job"])["state"], "done");
+  bool reached_the_end = false;
+  int cancelled = 0;
+  constexpr int kMostEvents = 60;
+  for (int k = 1; k <= kMostEvents && !reached_the_end; k += kStride) {
+    const std::string id = client.ask("reconstruct.submit", {{"scan", scan["scan"]}})["job"];
+    int seen = 0;
+    bool asked = false;
+    const Json job = client.await_end(id, [&](const Json& event) {
+      if (event["body"].value("job", event["body"].value("id", "")) != id || asked) return;
+      if (++seen < k) return;
+      asked = true;
+      client.reply("job.abort", {{"job", id}});  // conflict, where it is over already
+    });
+    reached_the_end = !asked;
+    if (job["state"] == "cancelled") ++cancelled;
+    EXPECT_TRUE(is_legal_after_abort(job["state"])) << "event " << k << ": " << job.dump(1);
+    EXPECT_EQ(client.ask("status")["state"], "idle") << "event " << k;
+    if (job["state"] != "cancelled") continue;
+    // No half mesh is taken for a whole one.
+    EXPECT_FALSE(job.contains("result")) << job["result"].dump();
+  }
+  EXPECT_TRUE(reached_the_end) << "more events than expected: raise the bound";
+  EXPECT_GE(cancelled, 2);
+  EXPECT_TRUE(results_of(site.scan(scan["scan"])) == undisturbed_results());
+}
+
 TEST(Abort, OfWhatWaitsAndOfWhatIsPaused) {
   const TestSite site;
   TestDaemon daemon(site);

@@ -2,6 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <string>
+#include <vector>
+
 #include "tests/support/daemon.h"
 
 namespace alhazen::testing {
@@ -31,6 +34,45 @@ TEST(Faults, StaleCorruptAndLateFramesAreRetakenWithEqualResults) {
   EXPECT_GE(retakes, 4U);
   EXPECT_EQ(job["retakes"], retakes);
   EXPECT_TRUE(results_of(site.scan(submitted["scan"])) == undisturbed_results());
+}
+
+TEST(Faults, SlowAnswersAndLateDevicesCostTimeAlone) {
+  const TestSite site(fault("c0", "slow", 30) + fault("side", "slow", 12) +
+                      fault("turntable", "slow", 5) + fault("c2", "timeout", 25, true, "trigger") +
+                      fault("c1", "timeout", 1, true, "configure") +
+                      fault("above", "timeout", 9, true, "show") +
+                      fault("turntable", "timeout", 2, true, "move_to"));
+  TestDaemon daemon(site);
+  TestClient client = daemon.client();
+  const Json submitted = client.ask("scan.submit", small_scan());
+  const Json job = client.await_end(submitted["job"]);
+  EXPECT_EQ(job["state"], "done") << job.dump(1);
+  EXPECT_GE(job["retakes"], 1);
+  EXPECT_GE(job["warning_count"], 2) << "display and table were asked again";
+  EXPECT_TRUE(results_of(site.scan(submitted["scan"])) == undisturbed_results());
+}
+
+TEST(Faults, AFrameThatIsNeverRightFailsTheStepWithItsHistory) {
+  const TestSite site(fault("c2", "corrupt", 40, false));
+  TestDaemon daemon(site);
+  TestClient client = daemon.client();
+  const Json submitted = client.ask("scan.submit", small_scan());
+  std::vector<int> attempts;
+  const Json job = client.await_end(submitted["job"], [&](const Json& event) {
+    if (event["topic"] == "scan.retake") attempts.push_back(event["body"]["attempt"]);
+  });
+  EXPECT_EQ(job["state"], "interrupted") << job.dump(1);
+  EXPECT_EQ(job["error"]["code"], "corrupt");
+  EXPECT_THAT(attempts, ::testing::ElementsAre(1, 2, 3));
+  const std::string what = job["error"]["what"];
+  for (const char* part : {"no usable frame in 4 attempts", "1: corrupt", "4: corrupt"})
+    EXPECT_THAT(what, HasSubstr(part));
+  EXPECT_THAT(job["error"]["where"].get<std::string>(), HasSubstr("camera c2"));
+  // Nothing that is not whole has become a light map.
+  for (const auto& [file, bytes] : results_of(site.scan(submitted["scan"]))) {
+    if (file == "mesh.ply") continue;
+    EXPECT_TRUE(undisturbed_results().at(file) == bytes) << file;
+  }
 }
 
 TEST(Faults, ADeviceThatComesBackCostsOneStop) {
