@@ -52,7 +52,7 @@ std::unique_ptr<Result> run(const Kernels& kernels, const Case& c, unsigned seed
   FinalRule final;
   final.coarsest = 256;
   final.per_dn = 1.0F / static_cast<float>(c.full_scale);
-  final.noise_square = static_cast<float>(c.full_scale * c.full_scale) / 40'000;
+  final.noise_square = static_cast<float>(c.full_scale) * static_cast<float>(c.full_scale) / 40'000;
   final.u = {2, c.lowest_u, c.bits_u, static_cast<std::uint16_t>((1 << c.bits_u) - 2)};
   final.v = {2 + kPlanesPerBit * static_cast<std::size_t>(c.bits_u - c.lowest_u), c.lowest_v,
              c.bits_v, static_cast<std::uint16_t>((1 << c.bits_v) * 3 / 4)};
