@@ -193,7 +193,10 @@ Result<std::unique_ptr<App>> App::open(Config config, Loader loader, Options opt
                        Commands::Daemon{software_version(), app.server->event_endpoint(),
                                         std::make_shared<const json>(shown(app.config)),
                                         [&app](Severity level) { app.log.set_level(level); },
-                                        [&app] { app.ending = true; }});
+                                        [&app] {  // The next request is already refused.
+                                          app.ending = true;
+                                          app.jobs->close();
+                                        }});
   return std::unique_ptr<App>(new App(std::move(state)));
 }
 

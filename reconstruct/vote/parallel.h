@@ -2,6 +2,7 @@
 
 #if defined(__SANITIZE_THREAD__)
 #include <atomic>
+#include <optional>
 #include <thread>
 #else
 #include <tbb/parallel_for.h>
@@ -21,12 +22,10 @@ void for_each_index(std::size_t count, const Body& body) {
   const auto work = [&] {
     for (std::size_t i = 0; (i = next.fetch_add(1, std::memory_order_relaxed)) < count;) body(i);
   };
-  if (count > 1) {
-    const std::jthread other(work);
-    work();
-  } else {
-    work();
-  }
+  constexpr std::size_t kWorthAThread = 16;
+  std::optional<std::jthread> other;
+  if (count >= kWorthAThread) other.emplace(work);
+  work();
 #else
   tbb::parallel_for(std::size_t{0}, count, body);
 #endif

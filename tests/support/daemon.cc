@@ -191,7 +191,7 @@ Json small_scan() {
   return {{"object", {{"id", "sphere"}}},
           {"plan", {{"stops", 3}}},
           {"volume", {{"edge_mm", 26}}},
-          {"level", 6}};
+          {"level", 5}};
 }
 
 Json tiny_scan() {

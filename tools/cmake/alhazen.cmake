@@ -36,14 +36,6 @@ if(ALHAZEN_FUZZ)
   add_compile_options(-fsanitize=fuzzer-no-link)
 endif()
 
-# alhazen_waits(): what the current folder builds waits more than it computes, so under sanitizers it
-# is not optimised: half the time to compile, where JSON and tests are most of it.
-macro(alhazen_waits)
-  if(ALHAZEN_SANITIZER)
-    add_compile_options(-O0)
-  endif()
-endmacro()
-
 find_package(Threads REQUIRED)
 find_package(PkgConfig REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
