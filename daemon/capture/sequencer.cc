@@ -189,7 +189,11 @@ Status Sequencer::capture(const Step& step, const Pattern& next, std::vector<int
                           .in("camera " + name)
                           .in(where(step));
       culprit_.clear();  // it answers: opening it again would not help
-      if (on_gap_ != OnGap::accept) return failure;
+      if (on_gap_ != OnGap::accept) {
+        set.shots.clear();  // never decoded; what was refused may be kept to see why
+        static_cast<void>(hand_over_(std::move(set)));
+        return failure;
+      }
       const StackKey key = key_of(step.stop, step.display, one.camera);
       add_gap(key, failure);
       taken_.insert(key);
@@ -197,7 +201,7 @@ Status Sequencer::capture(const Step& step, const Pattern& next, std::vector<int
     }
     break;
   }
-  if (set.shots.empty()) return {};
+  if (set.shots.empty() && set.refused.empty()) return {};
   done_.frames += set.shots.size();
   return hand_over_(std::move(set)) ? Status() : Status(stop_requested());
 }

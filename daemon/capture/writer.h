@@ -30,7 +30,8 @@ struct StackStart {
   std::vector<int> cameras;  ///< indices into the plan's cameras
 };
 
-/// One capture: complete, a frame of every camera of the stack set that has not become a gap.
+/// One capture: complete, a frame of every camera of the stack set that has not become a gap; or
+/// what was refused alone, where the step has failed.
 struct ShotSet {
   Step step;
   std::vector<Shot> shots;

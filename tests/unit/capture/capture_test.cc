@@ -496,6 +496,14 @@ TEST_F(CaptureTest, FramesAreKeptAsAsked) {
     EXPECT_EQ(record.file.has_value(), record.step % 16 == 0);
 }
 
+TEST_F(CaptureTest, RefusedFramesOfAFailedStepAreKept) {
+  keep_ = KeepFrames::failed;
+  fake_->script("c1", "wait_frame", 5, Fault::stale_by_time, 4);
+  ASSERT_FALSE(capture(plan()));
+  const fs::directory_iterator frames(folder_ / "frames");
+  EXPECT_EQ(std::distance(begin(frames), end(frames)), 4);
+}
+
 TEST_F(CaptureTest, APlanForOtherDevicesIsRefused) {
   const auto refused = [&](const Manifest& manifest) {
     fs::remove_all(folder_);
