@@ -6,6 +6,7 @@
 #include <system_error>
 
 #include "daemon/app.h"
+#include "daemon/base/exit_code.h"
 #include "daemon/config.h"
 #include "daemon/control/message.h"
 #include "daemon/log.h"

@@ -11,9 +11,9 @@
 #include <string>
 #include <thread>
 
+#include "daemon/base/exit_code.h"
 #include "reconstruct/run.h"
 #include "reconstruct/vote/octree.h"
-#include "tools/exit_code.h"
 #include "tools/reconstruct_commands.h"
 
 namespace {

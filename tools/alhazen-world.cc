@@ -13,12 +13,12 @@
 #include <string>
 #include <vector>
 
+#include "daemon/base/exit_code.h"
 #include "drivers/sim/calibrated_rig.h"
 #include "drivers/sim/scene.h"
 #include "drivers/sim/shape.h"
 #include "drivers/sim/world.h"
 #include "reconstruct/mesh_io/mesh_file.h"
-#include "tools/exit_code.h"
 
 namespace alhazen {
 namespace {

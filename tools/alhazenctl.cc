@@ -14,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "daemon/base/exit_code.h"
 #include "daemon/control/message.h"
 #include "daemon/control/verbs.h"
 #include "tools/ctl_client.h"

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "alhazen/caught.h"
+#include "daemon/base/exit_code.h"
 #include "daemon/control/message.h"
 #include "daemon/jobs/job.h"
 #include "tools/ctl_show.h"

@@ -158,27 +158,6 @@ bool is_retryable(Code code) noexcept {
   return false;
 }
 
-int exit_code(Code code) noexcept {
-  switch (code) {
-    case Code::cancelled:
-      return 130;
-    case Code::timeout:
-    case Code::corrupt:
-    case Code::conflict:
-      return 75;
-    case Code::unavailable:
-      return 69;
-    case Code::invalid:
-    case Code::unsupported:
-      return 64;
-    case Code::exhausted:
-      return 74;
-    case Code::internal:
-      return 70;
-  }
-  return 70;
-}
-
 json to_json(const Error& error) {
   return {{"code", std::string(name_of(error.code))},
           {"what", error.what},

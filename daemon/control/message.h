@@ -47,9 +47,6 @@ struct Refusal {
 /// Whether the same request may succeed later without being changed.
 [[nodiscard]] bool is_retryable(Code code) noexcept;
 
-/// What a program ends with on such an error (sysexits.h; 130 as after Ctrl-C).
-[[nodiscard]] int exit_code(Code code) noexcept;
-
 /// An error as the protocol writes it: {code, what, where, hint, retryable}.
 [[nodiscard]] nlohmann::json to_json(const Error& error);
 /// The reverse. Anything that is not such an object becomes `internal`.

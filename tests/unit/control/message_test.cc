@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "daemon/base/exit_code.h"
+
 namespace alhazen {
 namespace {
 

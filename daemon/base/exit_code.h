@@ -4,7 +4,8 @@
 
 namespace alhazen {
 
-/// What a tool's process ends with, after sysexits.h: what the caller can do about an error.
+/// What a program ends with on such an error: what its caller can do about it (sysexits.h; 130 as
+/// after Ctrl-C).
 [[nodiscard]] constexpr int exit_code(Code code) noexcept {
   switch (code) {
     case Code::cancelled:
