@@ -35,34 +35,28 @@ constexpr int kDepthLeaves = 1;
 /// measured leaf's depth, or so much of a leaf's edge, and its normal so near to that leaf's.
 constexpr double kObservedSigmas = 3, kObservedEdges = 0.1, kMaxTurnRad = 0.3;
 
-double seconds(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
-
-/// Adds the time of a scope to the stage's. CPU time is the whole process's: inside the daemon it
-/// includes what other lanes did meanwhile.
+/// Adds the time of a scope to the stage's.
 class Stopwatch {
  public:
   Stopwatch(std::vector<StageTime>& times, std::string_view stage) : times_(times), stage_(stage) {}
   Stopwatch(const Stopwatch&) = delete;
   Stopwatch& operator=(const Stopwatch&) = delete;
   ~Stopwatch() {
-    auto found = std::find_if(times_.begin(), times_.end(),
-                              [&](const StageTime& t) { return t.stage == stage_; });
+    StageTime time = clock_.read(std::string(stage_));
+    const auto found = std::find_if(times_.begin(), times_.end(),
+                                    [&](const StageTime& t) { return t.stage == stage_; });
     if (found == times_.end()) {
-      times_.push_back({std::string(stage_)});
-      found = times_.end() - 1;
+      times_.push_back(std::move(time));
+    } else {
+      found->cpu_s += time.cpu_s;
+      found->wall_s += time.wall_s;
     }
-    found->cpu_s += seconds(CLOCK_PROCESS_CPUTIME_ID) - cpu_s_;
-    found->wall_s += seconds(CLOCK_MONOTONIC) - wall_s_;
   }
 
  private:
   std::vector<StageTime>& times_;
   std::string_view stage_;
-  double cpu_s_ = seconds(CLOCK_PROCESS_CPUTIME_ID), wall_s_ = seconds(CLOCK_MONOTONIC);
+  StageClock clock_;
 };
 
 /// Tells the caller of a stage that comes in several steps as of one whose share only grows.
@@ -398,6 +392,16 @@ Result<Mesh> Reconstruction::preview(const Run& run) {
 }
 
 Result<Reconstructed> Reconstruction::finish(const Run& run) {
+  Result<Reconstructed> made = make_all(run);
+  // That nothing agrees, which a preview may wait for to change, is the plan's fault now.
+  if (!made && made.error().code == Code::conflict) {
+    made.error().code = Code::invalid;
+    made.error().what += "; take more stops, cameras or displays, or another volume";
+  }
+  return made;
+}
+
+Result<Reconstructed> Reconstruction::make_all(const Run& run) {
   if (state_->observations.size() == 0) {
     return Error{Code::conflict, "no light map has come: there is nothing to reconstruct"};
   }

@@ -9,17 +9,12 @@
 #include "reconstruct/options.h"
 #include "reconstruct/run.h"
 #include "reconstruct/scan/light_map.h"
+#include "reconstruct/stage_time.h"
 #include "reconstruct/surface/indicator.h"
 #include "reconstruct/vote/normal_field.h"
 #include "reconstruct/vote/octree.h"
 
 namespace alhazen {
-
-/// CPU and wall time of one stage.
-struct StageTime {
-  std::string stage;
-  double cpu_s = 0, wall_s = 0;
-};
 
 /// What a reconstruction hands over.
 struct Reconstructed {
@@ -58,12 +53,13 @@ class Reconstruction {
   /// cancelled.
   [[nodiscard]] Result<Mesh> preview(const Run& run);
 
-  /// Fails: conflict (nothing that agrees: no surface), cancelled, exhausted.
+  /// Fails: invalid (no light map, nothing that agrees: no surface), cancelled, exhausted.
   [[nodiscard]] Result<Reconstructed> finish(const Run& run);
 
  private:
   struct State;
   explicit Reconstruction(std::unique_ptr<State> state) noexcept;
+  [[nodiscard]] Result<Reconstructed> make_all(const Run& run);
   std::unique_ptr<State> state_;
 };
 

@@ -1,6 +1,4 @@
-#include <chrono>
 #include <cstdio>
-#include <ctime>
 
 #include "reconstruct/mesh_io/mesh_file.h"
 #include "reconstruct/reconstruct.h"
@@ -9,24 +7,6 @@
 
 namespace alhazen {
 namespace {
-
-/// CPU and wall time since it was made.
-class StopWatch {
- public:
-  [[nodiscard]] StageTime read(std::string stage) const {
-    const std::chrono::duration<double> wall = std::chrono::steady_clock::now() - wall_;
-    return {std::move(stage), cpu_now_s() - cpu_s_, wall.count()};
-  }
-
- private:
-  static double cpu_now_s() {
-    timespec time{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-    return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
-  }
-  std::chrono::steady_clock::time_point wall_ = std::chrono::steady_clock::now();
-  double cpu_s_ = cpu_now_s();
-};
 
 /// What the scan directory says of its capture; times and warnings are those that the daemon left
 /// in its own report, if it did.
@@ -50,7 +30,7 @@ Status run_reconstruction(const RunArgs& args, const Run& run) {
   std::filesystem::create_directories(out, error);
   if (error) return Error{Code::unavailable, out.string() + ": " + error.message()};
 
-  const StopWatch loading;
+  const StageClock loading;
   const std::vector<StackKey> keys = ALHAZEN_TRY(scan.light_maps());
   Reconstruction reconstruction = ALHAZEN_TRY(Reconstruction::make(
       scan.rig(), scan.manifest().volume, args.level.value_or(scan.manifest().level), Options{}));

@@ -3,7 +3,6 @@
 #include <tbb/task_arena.h>
 
 #include <cmath>
-#include <ctime>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -154,34 +153,6 @@ Result<Captured> capture(ScanWork& work, RigRoom& room, EventQueue& events, Lane
                       work.stop);
 }
 
-/// CPU time of the whole process and wall time since it was made.
-class Elapsed {
- public:
-  [[nodiscard]] StageTime read(std::string_view stage) const {
-    return {std::string(stage), seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu_s_,
-            seconds_of(CLOCK_MONOTONIC) - wall_s_};
-  }
-
- private:
-  static double seconds_of(clockid_t clock) {
-    timespec now{};
-    clock_gettime(clock, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-  }
-  double cpu_s_ = seconds_of(CLOCK_PROCESS_CPUTIME_ID), wall_s_ = seconds_of(CLOCK_MONOTONIC);
-};
-
-/// The mesh of all light maps. That nothing agrees with them, which a preview may wait for to
-/// change (conflict), is the plan's fault now.
-Result<Reconstructed> finish(Reconstruction& reconstruction, const Run& run) {
-  Result<Reconstructed> made = reconstruction.finish(run);
-  if (!made && made.error().code == Code::conflict)
-    return Error{Code::invalid,
-                 made.error().what + "; take more stops, cameras or displays, or another volume",
-                 made.error().where};
-  return made;
-}
-
 /// mesh.ply and what else was asked for, report.json, report.html.
 Result<std::shared_ptr<const json>> write_results(const Scan& scan, Reconstructed made,
                                                   std::vector<StageTime> capture_times,
@@ -229,7 +200,7 @@ Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, E
   const Run quiet{stop, [&lane](std::string_view, double) { lane.beat(); }};
   const Run run{stop, [&teller](std::string_view stage, double share) { teller(stage, share); }};
 
-  const Elapsed elapsed;
+  const StageClock clock;
   Reconstruction reconstruction = ALHAZEN_TRY(
       Reconstruction::make(scan.rig(), plan.volume, work.reconstruction.level.value_or(plan.level),
                            work.reconstruction.options));
@@ -269,8 +240,8 @@ Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, E
   if (run.stopped() || !work.complete.load())
     return Error{Code::cancelled, "the scan ended before its last light map"};
   // What ran beside adding and previews is counted there: the clock is the whole process's.
-  StageTime captured = elapsed.read("capture, decode");
-  Reconstructed made = ALHAZEN_TRY(finish(reconstruction, run));
+  StageTime captured = clock.read("capture, decode");
+  Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
   for (const StageTime& stage : made.times)
     if (stage.stage == "add" || stage.stage == "preview") captured.cpu_s -= stage.cpu_s;
   return write_results(scan, std::move(made), {std::move(captured)}, work.reconstruction, run);
@@ -329,7 +300,7 @@ Ended run_reconstruction(const std::string& job, const fs::path& scan_directory,
       ALHAZEN_TRY(reconstruction.add(map));
       run.tell("read", static_cast<double>(i + 1) / static_cast<double>(keys.size()));
     }
-    Reconstructed made = ALHAZEN_TRY(finish(reconstruction, run));
+    Reconstructed made = ALHAZEN_TRY(reconstruction.finish(run));
     return write_results(scan, std::move(made), {}, choices, run);
   };
   tbb::task_arena arena(choices.threads);

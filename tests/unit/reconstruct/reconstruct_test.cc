@@ -205,12 +205,12 @@ TEST(Reconstruction, SaysWhyThereIsNothing) {
   auto reconstruction = Reconstruction::make(scan.rig, kVolume, 6, Options{});
   ASSERT_TRUE(reconstruction);
   EXPECT_EQ(reconstruction->preview(kNobody).error().code, Code::conflict);
-  EXPECT_EQ(reconstruction->finish(kNobody).error().code, Code::conflict);
+  EXPECT_EQ(reconstruction->finish(kNobody).error().code, Code::invalid);
   ASSERT_TRUE(reconstruction->add(scan.maps[0]));
   const auto one = reconstruction->finish(kNobody);
   ASSERT_FALSE(one);
-  EXPECT_EQ(one.error().code, Code::conflict);
-  EXPECT_THAT(one.error().what, HasSubstr("no surface"));
+  EXPECT_EQ(one.error().code, Code::invalid);
+  EXPECT_THAT(one.error().what, HasSubstr("no surface; take more stops"));
   EXPECT_EQ(reconstruction->preview(kNobody).error().code, Code::conflict);
 }
 
