@@ -8,7 +8,7 @@
 
 #include "alhazen/check.h"
 #include "reconstruct/mesh/cube_table.h"
-#include "reconstruct/surface/blocks.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {
@@ -30,6 +30,12 @@ struct Sample {
   Kind kind = beyond;  ///< of the leaf it was taken from: of the finest level, larger, or none
 };
 using Window = std::array<Sample, std::size_t{kWindow} * kWindow * kWindow>;
+
+/// Position of a sample in its block; each coordinate 0 … kSide - 1.
+[[nodiscard]] std::size_t in_block(int x, int y, int z) {
+  const int at = (z * kSide + y) * kSide + x;
+  return static_cast<std::size_t>(at);
+}
 
 /// Blocks of samples, -1 … per axis: the block at -1 holds the samples below the volume, which are
 /// outside, so that a surface that reaches the boundary is closed there.
@@ -157,9 +163,8 @@ class Blocks {
   }
 
   void fill() {
-    for_each_index((octree_.size() + 4095) / 4096, [&](std::size_t part) {
-      const std::size_t end = std::min(octree_.size(), (part + 1) * 4096);
-      for (std::size_t i = part * 4096; i < end; ++i) {
+    for_blocks(octree_.size(), [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
         const Leaf& leaf = octree_.leaves()[i];
         const Extent reach = extent(leaf);
         const Sample sample{value_[i], leaf.level == level_ ? Sample::fine : Sample::coarse};
@@ -174,8 +179,7 @@ class Blocks {
           for (int z = first[2]; z <= last[2]; ++z)
             for (int y = first[1]; y <= last[1]; ++y)
               for (int x = first[0]; x <= last[0]; ++x)
-                samples_[std::size_t{stored} * kSamples +
-                         static_cast<std::size_t>((z * kSide + y) * kSide + x)] = sample;
+                samples_[std::size_t{stored} * kSamples + in_block(x, y, z)] = sample;
         });
       }
     });
@@ -194,11 +198,6 @@ class Blocks {
 /// Position of a sample of a block in its window; each coordinate -1 … kSide + 1.
 [[nodiscard]] std::size_t in_window(int x, int y, int z) {
   const int at = ((z + 1) * kWindow + (y + 1)) * kWindow + (x + 1);
-  return static_cast<std::size_t>(at);
-}
-/// Position of a sample in its block; each coordinate 0 … kSide - 1.
-[[nodiscard]] std::size_t in_block(int x, int y, int z) {
-  const int at = (z * kSide + y) * kSide + x;
   return static_cast<std::size_t>(at);
 }
 [[nodiscard]] constexpr std::size_t stride(int axis) {
@@ -412,8 +411,8 @@ void annotate(const Octree& octree, const LeafFacts& facts, Mesh& mesh) {
   mesh.depth_sigma_mm.assign(n, std::numeric_limits<float>::quiet_NaN());
   const double half_mm =
       0.5 * octree.volume().edge_mm / static_cast<double>(1 << octree.finest_level());
-  for_each_index((n + 1023) / 1024, [&](std::size_t part) {
-    for (std::size_t v = part * 1024; v < std::min(n, (part + 1) * 1024); ++v) {
+  for_blocks(n, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t v = begin; v < end; ++v) {
       const Eigen::Vector3d& p = mesh.vertices_mm[v];
       std::optional<std::size_t> best;
       double best_mm = 0;

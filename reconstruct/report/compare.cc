@@ -1,5 +1,7 @@
 #include "reconstruct/report/compare.h"
 
+#include <tbb/parallel_sort.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <atomic>
@@ -9,7 +11,7 @@
 #include <string>
 
 #include "reconstruct/report/triangle_tree.h"
-#include "reconstruct/surface/blocks.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {
@@ -113,7 +115,7 @@ class Sides {
                             static_cast<std::uint32_t>(3 * t + k)};
       }
     }
-    std::sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) {
+    tbb::parallel_sort(edges.begin(), edges.end(), [](const HalfEdge& a, const HalfEdge& b) {
       return a.ends != b.ends ? a.ends < b.ends : a.side < b.side;
     });
     neighbour_.resize(3 * triangles);

@@ -1,11 +1,11 @@
 #include "reconstruct/report/triangle_tree.h"
 
+#include <tbb/parallel_invoke.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <numeric>
-
-#include "reconstruct/surface/blocks.h"
 
 namespace alhazen {
 namespace {
@@ -148,18 +148,13 @@ void TriangleTree::build(std::uint32_t node, std::uint32_t begin, std::uint32_t 
   const std::uint32_t left = free_node, right = free_node + 1;
   const std::uint32_t left_free = free_node + 2;
   const std::uint32_t right_free = left_free + nodes_for(middle - begin) - 1;
-  const auto build_half = [=, this](std::size_t half) {
-    if (half == 0) {
-      build(left, begin, middle, left_free);
-    } else {
-      build(right, middle, end, right_free);
-    }
-  };
+  const auto build_left = [=, this] { build(left, begin, middle, left_free); };
+  const auto build_right = [=, this] { build(right, middle, end, right_free); };
   if (count >= kParallelFrom) {
-    for_each_index(2, build_half);
+    tbb::parallel_invoke(build_left, build_right);
   } else {
-    build_half(0);
-    build_half(1);
+    build_left();
+    build_right();
   }
 }
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <string>
 
-#include "reconstruct/surface/blocks.h"
 #include "reconstruct/surface/flow_graph.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {

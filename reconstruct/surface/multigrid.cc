@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "alhazen/check.h"
-#include "reconstruct/surface/blocks.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {

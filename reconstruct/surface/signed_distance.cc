@@ -5,8 +5,8 @@
 #include <cmath>
 #include <string>
 
-#include "reconstruct/surface/blocks.h"
 #include "reconstruct/surface/multigrid.h"
+#include "reconstruct/vote/parallel.h"
 
 namespace alhazen {
 namespace {

@@ -10,8 +10,6 @@ namespace alhazen {
 namespace {
 
 constexpr int kMax = Octree::kMaxLevel;
-/// Leaves worked on together. Fixed, so that no result depends on how threads share the work.
-constexpr std::size_t kBlock = 8192;
 
 /// Spreads the lowest 21 bits to every third bit.
 std::uint64_t spread(std::uint64_t v) {
@@ -53,15 +51,6 @@ Leaf leaf_of(std::uint64_t key, int level) {
 /// How many cells of the finest grid a leaf of `level` holds.
 std::uint64_t cells_of(int level) { return std::uint64_t{1} << (3 * (kMax - level)); }
 
-/// Runs body(block, begin, end) over fixed blocks of [0, count).
-template <class Body>
-void for_blocks(std::size_t count, const Body& body) {
-  const std::size_t blocks = (count + kBlock - 1) / kBlock;
-  for_each_index(blocks, [&](std::size_t block) {
-    body(block, block * kBlock, std::min(count, (block + 1) * kBlock));
-  });
-}
-
 /// What the blocks found, one after the other.
 template <class T>
 std::vector<T> joined(std::vector<std::vector<T>> parts) {
@@ -80,7 +69,7 @@ std::vector<T> joined(std::vector<std::vector<T>> parts) {
 
 Octree::Octree(Volume volume, std::vector<Leaf> leaves)
     : volume_(std::move(volume)), leaves_(std::move(leaves)), keys_(leaves_.size()) {
-  for_blocks(leaves_.size(), [&](std::size_t, std::size_t begin, std::size_t end) {
+  for_blocks(leaves_.size(), [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) keys_[i] = key_of(leaves_[i]);
   });
   for (const Leaf& leaf : leaves_) finest_level_ = std::max<int>(finest_level_, leaf.level);
@@ -100,7 +89,7 @@ Octree::Octree(Volume volume, std::vector<Leaf> leaves)
 Octree Octree::uniform(const Volume& volume, int level) {
   ALHAZEN_CHECK(level >= 0 && level <= kMaxLevel && volume.edge_mm > 0);
   std::vector<Leaf> leaves(std::size_t{1} << (3 * level));
-  for_blocks(leaves.size(), [&](std::size_t, std::size_t begin, std::size_t end) {
+  for_blocks(leaves.size(), [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) leaves[i] = leaf_of(i * cells_of(level), level);
   });
   return {volume, std::move(leaves)};
@@ -131,8 +120,8 @@ std::optional<std::size_t> Octree::find(const Eigen::Vector3d& p_object_mm) cons
 
 Octree Octree::split(const std::vector<std::uint8_t>& marked) const {
   std::vector<std::vector<Leaf>> parts((size() + kBlock - 1) / kBlock);
-  for_blocks(size(), [&](std::size_t block, std::size_t begin, std::size_t end) {
-    std::vector<Leaf>& out = parts[block];
+  for_blocks(size(), [&](std::size_t begin, std::size_t end) {
+    std::vector<Leaf>& out = parts[begin / kBlock];
     out.reserve(end - begin);
     for (std::size_t i = begin; i < end; ++i) {
       const int level = leaves_[i].level;
@@ -153,7 +142,7 @@ Octree Octree::balanced() && {
   for (;;) {
     std::vector<std::uint8_t> marked(octree.size(), 0);
     std::vector<std::vector<std::size_t>> too_coarse((octree.size() + kBlock - 1) / kBlock);
-    for_blocks(octree.size(), [&](std::size_t block, std::size_t begin, std::size_t end) {
+    for_blocks(octree.size(), [&](std::size_t begin, std::size_t end) {
       std::uint64_t last_parent = ~std::uint64_t{0};
       int last_level = -1;
       for (std::size_t i = begin; i < end; ++i) {
@@ -174,7 +163,7 @@ Octree Octree::balanced() && {
             next[axis] += static_cast<std::uint32_t>(step);
             const std::size_t leaf =
                 octree.find_cell(next[0] * side, next[1] * side, next[2] * side);
-            if (octree.leaves_[leaf].level < level) too_coarse[block].push_back(leaf);
+            if (octree.leaves_[leaf].level < level) too_coarse[begin / kBlock].push_back(leaf);
           }
         }
       }
@@ -226,7 +215,7 @@ Octree Octree::adapted(const std::vector<std::uint8_t>& target) const {
 
 std::vector<std::uint32_t> Octree::leaf_in(const Octree& other) const {
   std::vector<std::uint32_t> found(size());
-  for_blocks(size(), [&](std::size_t, std::size_t begin, std::size_t end) {
+  for_blocks(size(), [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       // The centre lies in the last of the eight octants' low corner.
       const int level = leaves_[i].level;
@@ -239,8 +228,8 @@ std::vector<std::uint32_t> Octree::leaf_in(const Octree& other) const {
 
 std::vector<Face> Octree::faces() const {
   std::vector<std::vector<Face>> parts((size() + kBlock - 1) / kBlock);
-  for_blocks(size(), [&](std::size_t block, std::size_t begin, std::size_t end) {
-    std::vector<Face>& out = parts[block];
+  for_blocks(size(), [&](std::size_t begin, std::size_t end) {
+    std::vector<Face>& out = parts[begin / kBlock];
     out.reserve(3 * (end - begin));
     for (std::size_t i = begin; i < end; ++i) {
       const Leaf& leaf = leaves_[i];

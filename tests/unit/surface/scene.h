@@ -20,7 +20,7 @@ using Distance = std::function<double(const Eigen::Vector3d&)>;
 
 #if defined(__SANITIZE_THREAD__)
 /// Octrees are built by TBB, whose hand-overs the thread sanitizer takes for races, millions of
-/// them: one thread there. The stages under test use two that it understands (blocks.h).
+/// them: one thread there. The stages under test use two that it understands (vote/parallel.h).
 inline const tbb::global_control kOneThread(tbb::global_control::max_allowed_parallelism, 1);
 #endif
 
