@@ -13,6 +13,10 @@ namespace alhazen {
 /// least an exposure and a display's settling time earlier.
 inline constexpr Micros kClockTolerance{500};
 
+/// How long a frame may be on its way beyond its camera's own longest readout: scheduling of a
+/// loaded machine.
+inline constexpr Micros kReadoutAllowance{250'000};
+
 /// Tells the frames of one camera that belong to the last trigger from old ones handed out again.
 ///
 /// Two certain signs: the device's counter has not risen, or the exposure began before the trigger.

@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <utility>
 
+#include "daemon/capture/freshness.h"
 #include "reconstruct/pattern/draw.h"
 
 namespace alhazen {
 namespace {
-
-/// Beyond the camera's own longest readout: scheduling of a loaded machine.
-constexpr Micros kReadoutAllowance{250'000};
 
 Result<Time> show(DeviceSet& devices, const std::string& name, const Pattern& pattern,
                   const std::stop_token& stop) {

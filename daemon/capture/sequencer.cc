@@ -8,13 +8,12 @@
 #include <numbers>
 #include <utility>
 
+#include "daemon/capture/freshness.h"
 #include "reconstruct/pattern/draw.h"
 
 namespace alhazen {
 namespace {
 
-/// Beyond the camera's own longest readout: scheduling of a loaded machine.
-constexpr Micros kReadoutAllowance{250'000};
 /// Beyond twice the time a turn should take.
 constexpr Micros kTurnAllowance{30'000'000};
 /// A full turn where the table does not tell its speed: slow rotary stages need two minutes.

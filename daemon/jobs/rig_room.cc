@@ -37,9 +37,6 @@ std::string size_text(int width_px, int height_px) {
   return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
 }
 
-/// Beyond a camera's own longest readout: scheduling of a loaded machine.
-constexpr Micros kFrameAllowance{250'000};
-
 void check_readings(const DeviceDescription& device, Checks& checks) {
   for (const Reading& reading : device.readings)
     if (reading.warn)
@@ -98,7 +95,7 @@ Status check_frames(RigRoom& room, const std::vector<std::string>& cameras,
   bool cancelled = false;
   for (const Taken& taken : pending) {
     Camera& camera = *devices.camera(taken.camera);
-    const Micros allowed = camera.info().readout_max + kFrameAllowance;
+    const Micros allowed = camera.info().readout_max + kReadoutAllowance;
     // All are collected, whatever happened to one: none may be left with a frame pending.
     const auto frame = camera.wait_frame(taken.ends + allowed, stop);
     if (!frame) {
@@ -112,7 +109,7 @@ Status check_frames(RigRoom& room, const std::vector<std::string>& cameras,
                   static_cast<double>(allowed.count()) / 1e3);
     checks.add(taken.camera + " bandwidth", true, text);
     const auto off = std::chrono::duration_cast<Micros>(frame->exposure_begin - taken.triggered);
-    checks.add(taken.camera + " clock", off >= -kClockTolerance && off <= kFrameAllowance,
+    checks.add(taken.camera + " clock", off >= -kClockTolerance && off <= kReadoutAllowance,
                "its exposure began " + std::to_string(off.count()) + " us after the trigger");
   }
   if (cancelled) return Error{Code::cancelled, "stop requested"};
