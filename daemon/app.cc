@@ -146,6 +146,13 @@ struct App::State {
     server->publish(events.add(topic, body));
   }
   void say_state();
+  /// Refuses new work from now on and begins to close; what runs is kept. Once.
+  void end() {
+    if (deadline) return;
+    deadline = steady_clock::now() + options.shutdown_deadline;
+    service.stopping();
+    jobs->close();
+  }
 
   const Config config;
   const Options options;
@@ -154,7 +161,7 @@ struct App::State {
   std::unique_ptr<Clock> clock;
   Service service;
   const int wake;
-  bool ending = false;
+  std::optional<steady_clock::time_point> deadline;  ///< of ending, once it has begun
   bool was_ready = false;
   std::string state;
   Counters counters;
@@ -193,10 +200,7 @@ Result<std::unique_ptr<App>> App::open(Config config, Loader loader, Options opt
                        Commands::Daemon{software_version(), app.server->event_endpoint(),
                                         std::make_shared<const json>(shown(app.config)),
                                         [&app](Severity level) { app.log.set_level(level); },
-                                        [&app] {  // The next request is already refused.
-                                          app.ending = true;
-                                          app.jobs->close();
-                                        }});
+                                        [&app] { app.end(); }});
   return std::unique_ptr<App>(new App(std::move(state)));
 }
 
@@ -209,23 +213,17 @@ Status App::run() {
   const Server::Answer answer = [&app](std::string_view request) {
     return app.commands->answer(request);
   };
-  std::optional<steady_clock::time_point> deadline;
   milliseconds sleep{0};
   while (!app.jobs->closed()) {
     if (app.service.feed_every().count() > 0) sleep = std::min(sleep, app.service.feed_every());
     const std::vector<bool> readable = ALHAZEN_TRY(app.server->wait(fds, sleep, answer));
-    if (readable[0]) app.ending = true;
+    if (readable[0]) app.end();
     if (app.options.signals && readable[2]) {
       app.log.write(Severity::info, "ending by " + app.options.signals->take());
-      app.ending = true;
+      app.end();
     }
     app.jobs->take_events();
-    if (app.jobs->fault()) app.ending = true;
-    if (app.ending && !deadline) {
-      deadline = steady_clock::now() + app.options.shutdown_deadline;
-      app.service.stopping();
-      app.jobs->close();
-    }
+    if (app.jobs->fault()) app.end();
     sleep = app.jobs->tick();
     app.counters.dropped = app.server->dropped();
     app.counters.replies_lost = app.server->replies_lost();
@@ -234,7 +232,7 @@ Status App::run() {
       app.service.feed();
     else
       app.service.status("no sign of life: " + silent);
-    if (deadline && steady_clock::now() > *deadline) {
+    if (app.deadline && steady_clock::now() > *app.deadline) {
       app.log.write(Severity::error, "not ended in time, waiting for " + app.jobs->waiting_for() +
                                          "; ending at once");
       std::_Exit(70);
