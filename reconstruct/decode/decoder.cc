@@ -317,7 +317,7 @@ Result<Decoder> Decoder::make(const DecodeOptions& options, const StackKey& key,
       static_cast<std::uint16_t>(std::lround(options.min_modulation * 65'535));
   state->final_rule.coarsest =
       static_cast<std::uint16_t>(1U << static_cast<unsigned>(options.max_bit));
-  state->final_rule.per_dn = static_cast<float>(1 / dn(1));
+  state->final_rule.to_255 = static_cast<float>(255 / dn(1));
   state->final_rule.noise_square =
       static_cast<float>(std::pow(dn(kNoiseToCells * options.noise), 2)) * kNoiseSquareToSigma;
   return Decoder(std::move(state));
@@ -356,17 +356,13 @@ Result<LightMap> Decoder::finish() && {
     }
   }
   LightMap map = std::move(state.map);
-  for (auto* list : {&map.u_px, &map.v_px, &map.sigma_u_px, &map.sigma_v_px, &map.contrast}) {
-    list->resize(map.size_px());
-  }
-  map.label.resize(map.size_px());
-  map.bit_u.resize(map.size_px());
-  map.bit_v.resize(map.size_px());
+  map.resize_lists();
   // Whole tiles go straight to their place, the last one here first.
   struct alignas(decode::kOutAlignment) Tile {
-    std::array<float, kTile_px> u, v, sigma_u, sigma_v, contrast;
+    std::array<float, kTile_px> u, v;
+    std::array<Imath::half, kTile_px> sigma_u, sigma_v;
+    std::array<std::uint8_t, kTile_px> contrast, bit_u, bit_v;
     std::array<Label, kTile_px> label;
-    std::array<std::uint8_t, kTile_px> bit_u, bit_v;
   };
   const auto last = std::make_unique<Tile>();
   const decode::Kernels& kernels = decode::vector_kernels();

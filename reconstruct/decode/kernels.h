@@ -71,7 +71,7 @@ struct FinalRule {
   AxisBits u, v;
   std::size_t saturated_plane = 0;  ///< the plane of enough contrast follows
   std::uint16_t coarsest = 0;       ///< 2^max_bit
-  float per_dn = 1.0F / 255;        ///< 1 / full scale
+  float to_255 = 1;                 ///< 255 / full scale
   /// What noise adds to a position's standard deviation · contrast², cells · DN².
   float noise_square = 0;
 };
@@ -81,7 +81,9 @@ struct FinalRule {
 /// reads it.
 inline constexpr std::size_t kOutAlignment = 64;
 struct FinalOut {
-  float *u_px, *v_px, *sigma_u_px, *sigma_v_px, *contrast;
+  float *u_px, *v_px;
+  Imath::half *sigma_u_px, *sigma_v_px;
+  std::uint8_t* contrast;
   Label* label;
   std::uint8_t *bit_u, *bit_v;
 };

@@ -117,6 +117,7 @@ template <class Dn>
 void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
             const FinalOut& out) {
   constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
+  const auto kNoSigma = std::numeric_limits<Imath::half>::quiet_NaN();
   const std::uint8_t* saturated = planes + rule.saturated_plane * kPlaneBytes;
   for (std::size_t i = 0; i < kTile_px; ++i) {
     const Place u = read_place(rule.u, planes, i, rule.coarsest);
@@ -127,9 +128,10 @@ void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contras
     const float sigma_cells = kCellSigma + rule.noise_square / (contrast_f * contrast_f);
     out.u_px[i] = is_position ? u.centre_px : kNothing;
     out.v_px[i] = is_position ? v.centre_px : kNothing;
-    out.sigma_u_px[i] = is_position ? u.width_px * sigma_cells : kNothing;
-    out.sigma_v_px[i] = is_position ? v.width_px * sigma_cells : kNothing;
-    out.contrast[i] = contrast_f * rule.per_dn;
+    out.sigma_u_px[i] = is_position ? Imath::half(u.width_px * sigma_cells) : kNoSigma;
+    out.sigma_v_px[i] = is_position ? Imath::half(v.width_px * sigma_cells) : kNoSigma;
+    out.contrast[i] =
+        static_cast<std::uint8_t>(std::min(std::nearbyint(contrast_f * rule.to_255), 255.0F));
     out.label[i] = is_position             ? Label::mirror
                    : get_bit(saturated, i) ? Label::saturated
                    : is_enough             ? Label::mixed

@@ -17,34 +17,7 @@ namespace alhazen::decode {
 namespace HWY_NAMESPACE {
 #if HWY_TARGET == HWY_SCALAR
 // One lane is not worth planes of bits: a processor without vectors runs the reference.
-void contrast8(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-               std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
-               std::uint8_t* saturated) {
-  scalar_kernels().contrast8(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-}
-void contrast16(const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-                std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
-                std::uint8_t* saturated) {
-  scalar_kernels().contrast16(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-}
-void pairs8(const ContrastRule& rule, const std::uint8_t* contrast_dn,
-            std::span<const FramePair<std::uint8_t>> list, std::size_t tiles,
-            std::size_t tile_bytes) {
-  scalar_kernels().pairs8(rule, contrast_dn, list, tiles, tile_bytes);
-}
-void pairs16(const ContrastRule& rule, const std::uint16_t* contrast_dn,
-             std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
-             std::size_t tile_bytes) {
-  scalar_kernels().pairs16(rule, contrast_dn, list, tiles, tile_bytes);
-}
-void finish8(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
-             const FinalOut& out) {
-  scalar_kernels().finish8(rule, planes, contrast_dn, out);
-}
-void finish16(const FinalRule& rule, const std::uint8_t* planes, const std::uint16_t* contrast_dn,
-              const FinalOut& out) {
-  scalar_kernels().finish16(rule, planes, contrast_dn, out);
-}
+const Kernels& kernels() { return scalar_kernels(); }
 #else
 namespace hn = hwy::HWY_NAMESPACE;
 
@@ -62,9 +35,8 @@ HWY_INLINE auto at_least(V a, V b) {
 }
 
 template <class Dn>
-HWY_INLINE void contrast(const ContrastRule& rule, const Dn* white_list, const Dn* black_list,
-                         std::size_t tiles, std::size_t tile_bytes, Dn* contrast_dn,
-                         std::uint8_t* saturated) {
+void contrast(const ContrastRule& rule, const Dn* white_list, const Dn* black_list,
+              std::size_t tiles, std::size_t tile_bytes, Dn* contrast_dn, std::uint8_t* saturated) {
   const hn::ScalableTag<Dn> d;
   const auto full_scale = hn::Set(d, static_cast<Dn>(rule.full_scale));
   const auto least = hn::Set(d, static_cast<Dn>(rule.least));
@@ -127,9 +99,8 @@ HWY_INLINE void write_planes(const Dn* pattern_list, const Dn* inverse_list,
 }
 
 template <class Dn>
-HWY_INLINE void pairs(const ContrastRule& rule, const Dn* contrast_dn,
-                      std::span<const FramePair<Dn>> list, std::size_t tiles,
-                      std::size_t tile_bytes) {
+void pairs(const ContrastRule& rule, const Dn* contrast_dn, std::span<const FramePair<Dn> > list,
+           std::size_t tiles, std::size_t tile_bytes) {
   const D8 d8;
   constexpr std::size_t kPairBytes = kPlanesPerBit * kPlaneBytes;
   alignas(kOutAlignment) Dn thresholds[kTile_px];
@@ -339,23 +310,39 @@ HWY_INLINE hn::Mask<D32> mask_32(const std::uint8_t* plane, std::size_t pixel) {
   return hn::LoadMaskBits(D32(), hn::MaxLanes(D32()) < 8 ? &bits : plane + pixel / 8);
 }
 
+/// The nearest half's bits, of two equally near the even one; for numbers from 2^-14 to 65504. Not
+/// hn::DemoteTo(), which rounds so only where the processor does it.
+HWY_INLINE auto half_bits(V32 value) {
+  const hn::RebindToUnsigned<D32> du32;
+  constexpr std::uint32_t kLess = (127 - 15) << 10;  // the exponents' biases
+  const auto bits = hn::BitCast(du32, value);
+  const auto odd = hn::And(hn::ShiftRight<13>(bits), hn::Set(du32, 1));
+  const auto rounded = hn::ShiftRight<13>(hn::Add(bits, hn::Add(odd, hn::Set(du32, 0xFFF))));
+  return hn::Sub(rounded, hn::Set(du32, kLess));
+}
+
 template <class Dn>
-HWY_INLINE void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
-                       const FinalOut& out) {
+void finish(const FinalRule& rule, const std::uint8_t* planes, const Dn* contrast_dn,
+            const FinalOut& out) {
   const D8 d8;
   const D32 d32;
   const hn::RebindToSigned<D32> di32;
+  const hn::RebindToUnsigned<D32> du32;
+  const hn::Rebind<std::uint8_t, D32> d8_32;
+  const hn::Rebind<std::uint16_t, D32> d16_32;
   // Copies: stores of bytes might otherwise change them for all that the compiler knows.
   const AxisBits axis_u = rule.u, axis_v = rule.v;
   const FinalOut to = out;
   // Not hn::NaN(), whose bits are not those of the standard library.
   const V32 nothing = hn::Set(d32, std::numeric_limits<float>::quiet_NaN());
+  const auto no_sigma = hn::Set(du32, std::numeric_limits<Imath::half>::quiet_NaN().bits());
+  const auto most = hn::Set(di32, 255);
   const V32 half = hn::Set(d32, 0.5F);
-  const V32 per_dn = hn::Set(d32, rule.per_dn);
+  const V32 to_255 = hn::Set(d32, rule.to_255);
   const V32 noise = hn::Set(d32, 0.5F * rule.noise_square);
   const V32 cell_sigma = hn::Set(d32, 0.5F * kCellSigma);
   const auto of = [](const auto* list, std::size_t i) {
-    using T = std::remove_cv_t<std::remove_pointer_t<decltype(list)>>;
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(list)> >;
     return hn::PromoteTo(hn::RebindToSigned<D32>(), hn::Load(hn::Rebind<T, D32>(), list + i));
   };
   // A position's bit of the label, one that others have too, and their own.
@@ -385,54 +372,51 @@ HWY_INLINE void finish(const FinalRule& rule, const std::uint8_t* planes, const 
       hn::Stream(gather(label, 3, i / 8), d8,
                  reinterpret_cast<std::uint8_t*>(to.label) + first + i);
     }
+    alignas(HWY_MAX_BYTES) std::uint16_t sigma_u[8 * kBlockBytes], sigma_v[8 * kBlockBytes];
+    alignas(HWY_MAX_BYTES) std::uint8_t contrast_255[8 * kBlockBytes];
     for (std::size_t i = 0; i < block_px; i += hn::Lanes(d32)) {
       const auto mask = mask_32(is_position.bytes, i);
-      const auto write = [&](V32 value, float* list) {
-        hn::Stream(hn::IfThenElse(mask, value, nothing), d32, list + first + i);
-      };
       const V32 contrast_32 = hn::ConvertTo(d32, of(contrast_dn + first, i));
-      hn::Stream(hn::Mul(contrast_32, per_dn), d32, to.contrast + first + i);
+      if constexpr (sizeof(Dn) > 1) {
+        const auto whole = hn::Min(hn::NearestInt(hn::Mul(contrast_32, to_255)), most);
+        hn::Store(hn::TruncateTo(d8_32, hn::BitCast(du32, whole)), d8_32, contrast_255 + i);
+      }
       const V32 half_sigma = hn::Add(cell_sigma, hn::Div(noise, hn::Mul(contrast_32, contrast_32)));
-      const auto place = [&](const AxisNumbers& axis, float* centre, float* sigma) {
-        write(hn::Mul(half, hn::ConvertTo(d32, of(axis.centre_2, i))), centre);
+      const auto place = [&](const AxisNumbers& axis, float* centre, std::uint16_t* sigma) {
+        const V32 centre_px = hn::Mul(half, hn::ConvertTo(d32, of(axis.centre_2, i)));
+        hn::Stream(hn::IfThenElse(mask, centre_px, nothing), d32, centre + first + i);
         // Times a power of two.
-        write(hn::BitCast(d32, hn::Add(hn::BitCast(di32, half_sigma),
-                                       hn::ShiftLeft<23>(of(axis.exponent, i)))),
-              sigma);
+        const V32 sigma_px = hn::BitCast(
+            d32, hn::Add(hn::BitCast(di32, half_sigma), hn::ShiftLeft<23>(of(axis.exponent, i))));
+        hn::Store(hn::TruncateTo(d16_32, hn::IfThenElse(hn::RebindMask(du32, mask),
+                                                        half_bits(sigma_px), no_sigma)),
+                  d16_32, sigma + i);
       };
-      place(u, to.u_px, to.sigma_u_px);
-      place(v, to.v_px, to.sigma_v_px);
+      place(u, to.u_px, sigma_u);
+      place(v, to.v_px, sigma_v);
+    }
+    const auto stream = [&](const auto* from, auto* list) {
+      using T = std::remove_cvref_t<decltype(*from)>;
+      const hn::ScalableTag<T> d;
+      for (std::size_t i = 0; i < block_px; i += hn::Lanes(d)) {
+        hn::Stream(hn::Load(d, from + i), d, reinterpret_cast<T*>(list) + first + i);
+      }
+    };
+    stream(sigma_u, to.sigma_u_px);
+    stream(sigma_v, to.sigma_v_px);
+    if constexpr (sizeof(Dn) == 1) {
+      stream(contrast_dn + first, to.contrast);
+    } else {
+      stream(contrast_255, to.contrast);
     }
   }
 }
 
-void contrast8(const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-               std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
-               std::uint8_t* saturated) {
-  contrast(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-}
-void contrast16(const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-                std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
-                std::uint8_t* saturated) {
-  contrast(rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-}
-void pairs8(const ContrastRule& rule, const std::uint8_t* contrast_dn,
-            std::span<const FramePair<std::uint8_t>> list, std::size_t tiles,
-            std::size_t tile_bytes) {
-  pairs(rule, contrast_dn, list, tiles, tile_bytes);
-}
-void pairs16(const ContrastRule& rule, const std::uint16_t* contrast_dn,
-             std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
-             std::size_t tile_bytes) {
-  pairs(rule, contrast_dn, list, tiles, tile_bytes);
-}
-void finish8(const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
-             const FinalOut& out) {
-  finish(rule, planes, contrast_dn, out);
-}
-void finish16(const FinalRule& rule, const std::uint8_t* planes, const std::uint16_t* contrast_dn,
-              const FinalOut& out) {
-  finish(rule, planes, contrast_dn, out);
+const Kernels& kernels() {
+  static constexpr Kernels kKernels = {contrast<std::uint8_t>, contrast<std::uint16_t>,
+                                       pairs<std::uint8_t>,    pairs<std::uint16_t>,
+                                       finish<std::uint8_t>,   finish<std::uint16_t>};
+  return kKernels;
 }
 #endif
 
@@ -443,49 +427,9 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace alhazen::decode {
 
-HWY_EXPORT(contrast8);
-HWY_EXPORT(contrast16);
-HWY_EXPORT(pairs8);
-HWY_EXPORT(pairs16);
-HWY_EXPORT(finish8);
-HWY_EXPORT(finish16);
+HWY_EXPORT(kernels);
 
-const Kernels& vector_kernels() {
-  // Lambdas: the choice is made by the call.
-  static constexpr Kernels kKernels = {
-      [](const ContrastRule& rule, const std::uint8_t* white, const std::uint8_t* black,
-         std::size_t tiles, std::size_t tile_bytes, std::uint8_t* contrast_dn,
-         std::uint8_t* saturated) {
-        HWY_DYNAMIC_DISPATCH(contrast8)
-        (rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-      },
-      [](const ContrastRule& rule, const std::uint16_t* white, const std::uint16_t* black,
-         std::size_t tiles, std::size_t tile_bytes, std::uint16_t* contrast_dn,
-         std::uint8_t* saturated) {
-        HWY_DYNAMIC_DISPATCH(contrast16)
-        (rule, white, black, tiles, tile_bytes, contrast_dn, saturated);
-      },
-      [](const ContrastRule& rule, const std::uint8_t* contrast_dn,
-         std::span<const FramePair<std::uint8_t>> list, std::size_t tiles, std::size_t tile_bytes) {
-        HWY_DYNAMIC_DISPATCH(pairs8)(rule, contrast_dn, list, tiles, tile_bytes);
-      },
-      [](const ContrastRule& rule, const std::uint16_t* contrast_dn,
-         std::span<const FramePair<std::uint16_t>> list, std::size_t tiles,
-         std::size_t tile_bytes) {
-        HWY_DYNAMIC_DISPATCH(pairs16)(rule, contrast_dn, list, tiles, tile_bytes);
-      },
-      [](const FinalRule& rule, const std::uint8_t* planes, const std::uint8_t* contrast_dn,
-         const FinalOut& out) {
-        HWY_DYNAMIC_DISPATCH(finish8)
-        (rule, planes, contrast_dn, out);
-      },
-      [](const FinalRule& rule, const std::uint8_t* planes, const std::uint16_t* contrast_dn,
-         const FinalOut& out) {
-        HWY_DYNAMIC_DISPATCH(finish16)
-        (rule, planes, contrast_dn, out);
-      }};
-  return kKernels;
-}
+const Kernels& vector_kernels() { return HWY_DYNAMIC_DISPATCH(kernels)(); }
 
 }  // namespace alhazen::decode
 #endif  // HWY_ONCE

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Imath/half.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -78,13 +80,33 @@ struct LightMap {
   double angle_rad = 0;  ///< measured angle of the turntable
   Region region;         ///< where in the camera's sensor the lists lie
   PixelList<float> u_px, v_px;
-  PixelList<float> sigma_u_px, sigma_v_px;  ///< standard deviations of u and v
-  PixelList<float> contrast;                ///< (white − black) / full scale, 0 … 1
+  /// Standard deviations of u and v: half precision says them to 0.05 %, and decoding takes as long
+  /// as its results are.
+  PixelList<Imath::half> sigma_u_px, sigma_v_px;
+  PixelList<std::uint8_t> contrast;  ///< white − black, 255 = full scale
   PixelList<Label> label;
   PixelList<std::uint8_t> bit_u, bit_v;  ///< finest Gray bit that was resolved, 0 = finest
 
   [[nodiscard]] std::size_t size_px() const noexcept {
     return static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);
+  }
+  [[nodiscard]] bool has_whole_lists() const noexcept {
+    const std::size_t size = size_px();
+    return u_px.size() == size && v_px.size() == size && sigma_u_px.size() == size &&
+           sigma_v_px.size() == size && contrast.size() == size && label.size() == size &&
+           bit_u.size() == size && bit_v.size() == size;
+  }
+  /// All of them to the region's size; new elements are undefined.
+  void resize_lists() {
+    const std::size_t size = size_px();
+    u_px.resize(size);
+    v_px.resize(size);
+    sigma_u_px.resize(size);
+    sigma_v_px.resize(size);
+    contrast.resize(size);
+    label.resize(size);
+    bit_u.resize(size);
+    bit_v.resize(size);
   }
   [[nodiscard]] bool is_position(std::size_t pixel) const {
     return label[pixel] == Label::mirror || label[pixel] == Label::direct_sight;

@@ -33,23 +33,40 @@ static_assert(std::endian::native == std::endian::little, "read_bytes() below as
 
 constexpr int kMaxSide_px = 65'535;
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 32;
-// Bytes of a pixel in the file: five FLOAT and three UINT channels.
-constexpr std::uint64_t kPixelBytes = 32;
-// Rows converted at once: the lists of small integers are UINT in the file, bytes in memory.
+// Bytes of a pixel in the file: two FLOAT and six HALF channels.
+constexpr std::uint64_t kPixelBytes = 20;
+// Rows converted at once: lists of bytes are HALF in the file, which has whole numbers to 2048.
 constexpr int kBlockRows = 64;
-constexpr int kMaxLabel = static_cast<int>(Label::second_bounce);
-constexpr int kMaxBit = 14;  // one beyond the finest bit of the largest display: none was resolved
 
-struct FloatChannel {
+template <class Value>
+struct Channel {
   const char* name;
-  PixelList<float> LightMap::*list;
+  PixelList<Value> LightMap::*list;
 };
-constexpr std::array<FloatChannel, 5> kFloats = {{{"u", &LightMap::u_px},
-                                                  {"v", &LightMap::v_px},
-                                                  {"sigma_u_px", &LightMap::sigma_u_px},
-                                                  {"sigma_v_px", &LightMap::sigma_v_px},
-                                                  {"contrast", &LightMap::contrast}}};
-constexpr std::array<const char*, 3> kIntegers = {"label", "bit_u", "bit_v"};
+constexpr std::array<Channel<float>, 2> kFloats = {
+    {{"u", &LightMap::u_px}, {"v", &LightMap::v_px}}};
+constexpr std::array<Channel<Imath::half>, 2> kHalves = {
+    {{"sigma_u_px", &LightMap::sigma_u_px}, {"sigma_v_px", &LightMap::sigma_v_px}}};
+
+struct ByteChannel {
+  const char* name;
+  int most;
+};
+// A bit is one beyond the finest of the largest display where none was resolved.
+constexpr std::array<ByteChannel, 4> kBytes = {{{"contrast", 255},
+                                                {"label", static_cast<int>(Label::second_bounce)},
+                                                {"bit_u", 14},
+                                                {"bit_v", 14}}};
+/// The lists of kBytes.
+template <class Map>
+auto byte_lists(Map& map) {
+  using Byte = std::conditional_t<std::is_const_v<Map>, const std::uint8_t, std::uint8_t>;
+  return std::array<Byte*, kBytes.size()>{map.contrast.data(),
+                                          reinterpret_cast<Byte*>(map.label.data()),
+                                          map.bit_u.data(), map.bit_v.data()};
+}
+/// `rows` of each of them, as they are in the file.
+using HalfRows = std::array<std::vector<Imath::half>, kBytes.size()>;
 
 /// Over everything a light map says, so that no flipped bit goes unseen.
 std::string checksum(const LightMap& map) {
@@ -68,12 +85,15 @@ std::string checksum(const LightMap& map) {
   add(map.key.display.data(), map.key.display.size());
   add(map.key.camera.data(), map.key.camera.size());
   add(&map.angle_rad, sizeof map.angle_rad);
-  for (const FloatChannel& channel : kFloats) {
-    add((map.*channel.list).data(), (map.*channel.list).size() * sizeof(float));
-  }
-  add(map.label.data(), map.label.size());
-  add(map.bit_u.data(), map.bit_u.size());
-  add(map.bit_v.data(), map.bit_v.size());
+  const auto add_lists = [&](const auto& channels) {
+    for (const auto& channel : channels) {
+      const auto& list = map.*channel.list;
+      add(list.data(), list.size() * sizeof list[0]);
+    }
+  };
+  add_lists(kFloats);
+  add_lists(kHalves);
+  for (const std::uint8_t* list : byte_lists(map)) add(list, map.size_px());
   std::array<char, 17> text{};
   std::snprintf(text.data(), text.size(), "%016llx", static_cast<unsigned long long>(digest));
   return text.data();
@@ -91,13 +111,33 @@ Imf::Slice slice(Imf::PixelType type, const Value* list, const Region& region, i
                           region.height - first_row, sizeof(Value), sizeof(Value) * width);
 }
 
+/// Where every channel's pixels are, those of `rows` from `first_row` on.
+template <class Map>
+Imf::FrameBuffer frame_buffer(Map& map, const HalfRows& rows, int first_row) {
+  Imf::FrameBuffer buffer;
+  for (const auto& channel : kFloats) {
+    buffer.insert(channel.name, slice(Imf::FLOAT, (map.*channel.list).data(), map.region, 0));
+  }
+  for (const auto& channel : kHalves) {
+    buffer.insert(channel.name, slice(Imf::HALF, (map.*channel.list).data(), map.region, 0));
+  }
+  for (std::size_t k = 0; k < kBytes.size(); ++k) {
+    buffer.insert(kBytes[k].name, slice(Imf::HALF, rows[k].data(), map.region, first_row));
+  }
+  return buffer;
+}
+
 void write_exr(const LightMap& map, Imf::OStream& out) {
   Imf::Header header(window_of(map.region), window_of(map.region));
   header.compression() = Imf::NO_COMPRESSION;
-  for (const FloatChannel& channel : kFloats) {
-    header.channels().insert(channel.name, Imf::Channel(Imf::FLOAT));
-  }
-  for (const char* name : kIntegers) header.channels().insert(name, Imf::Channel(Imf::UINT));
+  const auto insert = [&](const auto& channels, Imf::PixelType type) {
+    for (const auto& channel : channels) {
+      header.channels().insert(channel.name, Imf::Channel(type));
+    }
+  };
+  insert(kFloats, Imf::FLOAT);
+  insert(kHalves, Imf::HALF);
+  insert(kBytes, Imf::HALF);
   header.insert("stop", Imf::IntAttribute(map.key.stop));
   header.insert("display", Imf::StringAttribute(map.key.display));
   header.insert("camera", Imf::StringAttribute(map.key.camera));
@@ -105,24 +145,16 @@ void write_exr(const LightMap& map, Imf::OStream& out) {
   header.insert("xxh3_64", Imf::StringAttribute(checksum(map)));
   Imf::OutputFile file(out, header);
   const auto width = static_cast<std::size_t>(map.region.width);
-  std::array<std::vector<std::uint32_t>, 3> block;
+  HalfRows block;
   for (auto& list : block) list.resize(width * kBlockRows);
   for (int row = 0; row < map.region.height; row += kBlockRows) {
     const int rows = std::min(kBlockRows, map.region.height - row);
-    const std::size_t begin = static_cast<std::size_t>(row) * width;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(rows) * width; ++i) {
-      block[0][i] = static_cast<std::uint32_t>(map.label[begin + i]);
-      block[1][i] = map.bit_u[begin + i];
-      block[2][i] = map.bit_v[begin + i];
+    for (std::size_t k = 0; k < kBytes.size(); ++k) {
+      const std::uint8_t* from = byte_lists(map)[k] + static_cast<std::size_t>(row) * width;
+      std::transform(from, from + static_cast<std::size_t>(rows) * width, block[k].begin(),
+                     [](std::uint8_t value) { return Imath::half(static_cast<float>(value)); });
     }
-    Imf::FrameBuffer buffer;
-    for (const FloatChannel& channel : kFloats) {
-      buffer.insert(channel.name, slice(Imf::FLOAT, (map.*channel.list).data(), map.region, 0));
-    }
-    for (std::size_t i = 0; i < kIntegers.size(); ++i) {
-      buffer.insert(kIntegers[i], slice(Imf::UINT, block[i].data(), map.region, row));
-    }
-    file.setFrameBuffer(buffer);
+    file.setFrameBuffer(frame_buffer(map, block, row));
     file.writePixels(rows);
   }
 }
@@ -212,7 +244,7 @@ Status check_channel(const Imf::Header& header, const char* name, Imf::PixelType
   if (channel == nullptr || channel->type != type || channel->xSampling != 1 ||
       channel->ySampling != 1) {
     return Error{Code::corrupt, "channel '" + std::string(name) + "' is missing or is not " +
-                                    (type == Imf::FLOAT ? "FLOAT" : "UINT")};
+                                    (type == Imf::FLOAT ? "FLOAT" : "HALF")};
   }
   return {};
 }
@@ -236,14 +268,19 @@ Result<LightMap> read_header(const Imf::Header& header, std::size_t file_bytes) 
   }
   std::size_t channels = 0;
   for (auto i = header.channels().begin(); i != header.channels().end(); ++i) ++channels;
-  if (channels != kFloats.size() + kIntegers.size()) {
+  if (channels != kFloats.size() + kHalves.size() + kBytes.size()) {
     return Error{Code::corrupt,
                  "the file has " + std::to_string(channels) + " channels; it must have 8"};
   }
-  for (const FloatChannel& channel : kFloats) {
+  for (const auto& channel : kFloats) {
     ALHAZEN_TRY(check_channel(header, channel.name, Imf::FLOAT));
   }
-  for (const char* name : kIntegers) ALHAZEN_TRY(check_channel(header, name, Imf::UINT));
+  for (const auto& channel : kHalves) {
+    ALHAZEN_TRY(check_channel(header, channel.name, Imf::HALF));
+  }
+  for (const ByteChannel& channel : kBytes) {
+    ALHAZEN_TRY(check_channel(header, channel.name, Imf::HALF));
+  }
   LightMap map;
   map.key.stop = ALHAZEN_TRY(attribute<Imf::IntAttribute>(header, "stop"));
   map.key.display = ALHAZEN_TRY(attribute<Imf::StringAttribute>(header, "display"));
@@ -254,42 +291,30 @@ Result<LightMap> read_header(const Imf::Header& header, std::size_t file_bytes) 
     return Error{Code::corrupt, "attribute 'angle_rad' is not finite"};
   }
   map.region = {window.min.x, window.min.y, static_cast<int>(width), static_cast<int>(height)};
-  for (const FloatChannel& channel : kFloats) (map.*channel.list).resize(map.size_px());
-  map.label.resize(map.size_px());
-  map.bit_u.resize(map.size_px());
-  map.bit_v.resize(map.size_px());
+  map.resize_lists();
   return map;
 }
 
 Status read_pixels(Imf::InputFile& file, LightMap& map) {
   const auto width = static_cast<std::size_t>(map.region.width);
-  std::array<std::vector<std::uint32_t>, 3> block;
+  HalfRows block;
   for (auto& list : block) list.resize(width * kBlockRows);
   for (int row = 0; row < map.region.height; row += kBlockRows) {
     const int rows = std::min(kBlockRows, map.region.height - row);
-    Imf::FrameBuffer buffer;
-    for (const FloatChannel& channel : kFloats) {
-      buffer.insert(channel.name, slice(Imf::FLOAT, (map.*channel.list).data(), map.region, 0));
-    }
-    for (std::size_t i = 0; i < kIntegers.size(); ++i) {
-      buffer.insert(kIntegers[i], slice(Imf::UINT, block[i].data(), map.region, row));
-    }
-    file.setFrameBuffer(buffer);
+    file.setFrameBuffer(frame_buffer(map, block, row));
     file.readPixels(map.region.y + row, map.region.y + row + rows - 1);
-    const std::size_t begin = static_cast<std::size_t>(row) * width;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(rows) * width; ++i) {
-      if (block[0][i] > kMaxLabel) {
-        return Error{Code::corrupt,
-                     "channel 'label' holds " + std::to_string(block[0][i]) + "; at most 5"};
+    for (std::size_t k = 0; k < kBytes.size(); ++k) {
+      std::uint8_t* to = byte_lists(map)[k] + static_cast<std::size_t>(row) * width;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(rows) * width; ++i) {
+        const float value = block[k][i];
+        if (!(value >= 0 && value <= static_cast<float>(kBytes[k].most)) ||
+            value != std::floor(value)) {
+          return Error{Code::corrupt, "channel '" + std::string(kBytes[k].name) + "' holds " +
+                                          std::to_string(value) + "; whole numbers in [0, " +
+                                          std::to_string(kBytes[k].most) + "]"};
+        }
+        to[i] = static_cast<std::uint8_t>(value);
       }
-      if (block[1][i] > kMaxBit || block[2][i] > kMaxBit) {
-        return Error{Code::corrupt, "channels 'bit_u', 'bit_v' hold " +
-                                        std::to_string(std::max(block[1][i], block[2][i])) +
-                                        "; at most 14"};
-      }
-      map.label[begin + i] = static_cast<Label>(block[0][i]);
-      map.bit_u[begin + i] = static_cast<std::uint8_t>(block[1][i]);
-      map.bit_v[begin + i] = static_cast<std::uint8_t>(block[2][i]);
     }
   }
   return {};
@@ -297,16 +322,11 @@ Status read_pixels(Imf::InputFile& file, LightMap& map) {
 
 /// A position is a finite number with a positive standard deviation, everything else NaN.
 Status check_values(const LightMap& map) {
-  for (std::size_t i = 0; i < map.size_px(); ++i) {
-    const bool is_position = map.is_position(i);
-    for (const FloatChannel& channel : kFloats) {
+  const auto check = [&](const auto& channel, bool is_sigma) -> Status {
+    for (std::size_t i = 0; i < map.size_px(); ++i) {
       const float value = (map.*channel.list)[i];
-      const bool is_contrast = channel.list == &LightMap::contrast;
-      const bool is_sigma =
-          channel.list == &LightMap::sigma_u_px || channel.list == &LightMap::sigma_v_px;
-      const bool good = is_contrast   ? std::isfinite(value)
-                        : is_position ? std::isfinite(value) && (!is_sigma || value > 0)
-                                      : std::isnan(value);
+      const bool good =
+          map.is_position(i) ? std::isfinite(value) && (!is_sigma || value > 0) : std::isnan(value);
       if (!good) {
         return Error{Code::corrupt, "channel '" + std::string(channel.name) + "' holds " +
                                         std::to_string(value) + " at pixel " + std::to_string(i) +
@@ -314,7 +334,10 @@ Status check_values(const LightMap& map) {
                                         std::to_string(static_cast<int>(map.label[i]))};
       }
     }
-  }
+    return {};
+  };
+  for (const auto& channel : kFloats) ALHAZEN_TRY(check(channel, false));
+  for (const auto& channel : kHalves) ALHAZEN_TRY(check(channel, true));
   return {};
 }
 
@@ -328,14 +351,11 @@ std::string light_map_name(const StackKey& key) {
 
 Status write_light_map(const LightMap& map, const std::filesystem::path& file) {
   const Region& region = map.region;
-  bool fits = region.x >= 0 && region.y >= 0 && region.width >= 1 && region.height >= 1 &&
-              region.x + region.width <= kMaxSide_px + 1 &&
-              region.y + region.height <= kMaxSide_px + 1 && map.key.stop >= 0;
-  for (const FloatChannel& channel : kFloats) {
-    fits = fits && (map.*channel.list).size() == map.size_px();
-  }
-  if (!fits || map.label.size() != map.size_px() || map.bit_u.size() != map.size_px() ||
-      map.bit_v.size() != map.size_px()) {
+  const bool fits = region.x >= 0 && region.y >= 0 && region.width >= 1 && region.height >= 1 &&
+                    region.x + region.width <= kMaxSide_px + 1 &&
+                    region.y + region.height <= kMaxSide_px + 1 && map.key.stop >= 0 &&
+                    map.has_whole_lists();
+  if (!fits) {
     return Error{Code::invalid,
                  "the light map's lists are not of its region's size, or the region is empty"};
   }

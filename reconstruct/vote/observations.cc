@@ -231,8 +231,8 @@ Status Observations::add(const LightMap& map) {
       const auto near = [&](float position, float sight, float sigma) {
         return std::abs(position - sight) <= std::max(kSightPx, 3 * sigma);
       };
-      if (near(map.u_px[i], uv.x(), has_sigma ? map.sigma_u_px[i] : 0) &&
-          near(map.v_px[i], uv.y(), has_sigma ? map.sigma_v_px[i] : 0)) {
+      if (near(map.u_px[i], uv.x(), has_sigma ? float{map.sigma_u_px[i]} : 0) &&
+          near(map.v_px[i], uv.y(), has_sigma ? float{map.sigma_v_px[i]} : 0)) {
         labels[i] = Label::direct_sight;
       }
     }
@@ -270,8 +270,8 @@ Status Observations::add(const LightMap& map) {
       std::vector<float> noise;
       for (std::size_t i = 0; i < count; i += 7) {
         if (labels[i] != Label::mirror) continue;
-        const double sigma = std::hypot(map.sigma_u_px[i] * seen.u_object_mm.norm(),
-                                        map.sigma_v_px[i] * seen.v_object_mm.norm()) /
+        const double sigma = std::hypot(float{map.sigma_u_px[i]} * seen.u_object_mm.norm(),
+                                        float{map.sigma_v_px[i]} * seen.v_object_mm.norm()) /
                              std::sqrt(2.0);
         if (std::isfinite(sigma)) noise.push_back(static_cast<float>(sigma / (2 * away_mm)));
       }

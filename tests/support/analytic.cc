@@ -194,8 +194,8 @@ LightMap render(const View& view, const Sights& sights, const DisplayModel& disp
   const std::size_t count = width * height;
   map.u_px.assign(count, kNan);
   map.v_px.assign(count, kNan);
-  map.sigma_u_px.assign(count, kNan);
-  map.sigma_v_px.assign(count, kNan);
+  map.sigma_u_px.assign(count, std::numeric_limits<Imath::half>::quiet_NaN());
+  map.sigma_v_px.assign(count, std::numeric_limits<Imath::half>::quiet_NaN());
   map.contrast.assign(count, 0);
   map.label.assign(count, Label::none);
   map.bit_u.assign(count, 0);
@@ -227,7 +227,7 @@ LightMap render(const View& view, const Sights& sights, const DisplayModel& disp
       map.label[i] = seen.label;
       if (seen.label != Label::mirror && seen.label != Label::direct_sight) continue;
       const auto code = [&](double position, double View::Seen::*axis, int size, float& value,
-                            float& sigma, std::uint8_t& bit) {
+                            Imath::half& sigma, std::uint8_t& bit) {
         double low = corners[0].*axis, high = low;
         for (const View::Seen& c : corners) {
           low = std::min(low, c.*axis);
@@ -251,7 +251,7 @@ LightMap render(const View& view, const Sights& sights, const DisplayModel& disp
            map.bit_u[i]);
       code(seen.v_px, &View::Seen::v_px, display.height_px, map.v_px[i], map.sigma_v_px[i],
            map.bit_v[i]);
-      map.contrast[i] = 0.8F;
+      map.contrast[i] = 204;
     }
     std::swap(above, below);
   }

@@ -54,7 +54,7 @@ TEST(Decoder, EveryDisplayDecodesItself) {
         ASSERT_EQ(map.v_px[i], static_cast<float>(y));
         ASSERT_EQ(map.bit_u[i], 0);
         ASSERT_NEAR(map.sigma_u_px[i], 1 / std::sqrt(12.0), 1e-3);
-        ASSERT_EQ(map.contrast[i], 1.0F);
+        ASSERT_EQ(map.contrast[i], 255);
       }
     }
   }
@@ -214,7 +214,7 @@ TEST(Decoder, NoContrastNoPosition) {
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     ASSERT_EQ(map.label[i], i % 2 == 0 ? Label::none : Label::mirror);
     ASSERT_EQ(std::isnan(map.u_px[i]), i % 2 == 0);
-    ASSERT_NEAR(map.contrast[i], i % 2 == 0 ? 0.0425 : 0.85, 0.01);
+    ASSERT_NEAR(map.contrast[i] / 255.0, i % 2 == 0 ? 0.0425 : 0.85, 0.01);
   }
 }
 

@@ -47,10 +47,10 @@ TEST_F(LightMapFile, ComesBackAsItWas) {
 
   // More rows than are converted at once.
   map.region = {0, 65535 - 150, 1, 150};
-  for (auto* list : {&map.u_px, &map.v_px, &map.sigma_u_px, &map.sigma_v_px}) {
-    list->assign(150, 1.5F);
-  }
-  map.contrast.assign(150, 0.5F);
+  for (auto* list : {&map.u_px, &map.v_px}) list->assign(150, 1.5F);
+  for (auto* list : {&map.sigma_u_px, &map.sigma_v_px}) list->assign(150, Imath::half(1.5F));
+  map.contrast.resize(150);
+  for (std::size_t i = 0; i < 150; ++i) map.contrast[i] = static_cast<std::uint8_t>(255 - i);
   map.label.assign(150, Label::mirror);
   map.bit_u.assign(150, 3);
   map.bit_v.resize(150);
@@ -119,7 +119,7 @@ TEST_F(LightMapFile, WhatIsNoPositionIsNotWritten) {
   refused([](LightMap& map) { map.u_px[0] = 1; }, "channel 'u'");
   refused([](LightMap& map) { map.sigma_u_px[1] = 0; }, "channel 'sigma_u_px'");
   refused([](LightMap& map) { map.sigma_v_px[2] = -1; }, "channel 'sigma_v_px'");
-  refused([](LightMap& map) { map.contrast[0] = kNan; }, "channel 'contrast'");
+  refused([](LightMap& map) { map.contrast.pop_back(); }, "lists");
   refused([](LightMap& map) { map.v_px.pop_back(); }, "lists");
   refused([](LightMap& map) { map.region.width = 0; }, "lists");
   EXPECT_FALSE(std::filesystem::exists(file_));

@@ -45,9 +45,9 @@ inline LightMap small_light_map(const StackKey& key) {
     const bool is_position = map.is_position(i);
     map.u_px.push_back(is_position ? x / 3 : kNothing);
     map.v_px.push_back(is_position ? x / 7 : kNothing);
-    map.sigma_u_px.push_back(is_position ? 0.25F + x : kNothing);
-    map.sigma_v_px.push_back(is_position ? 0.5F + x : kNothing);
-    map.contrast.push_back(x / 12);
+    map.sigma_u_px.emplace_back(is_position ? 0.25F + x : kNothing);
+    map.sigma_v_px.emplace_back(is_position ? 0.5F + x : kNothing);
+    map.contrast.push_back(static_cast<std::uint8_t>(20 * i));
     map.bit_u.push_back(static_cast<std::uint8_t>(i % 4));
     map.bit_v.push_back(static_cast<std::uint8_t>(i));
   }
