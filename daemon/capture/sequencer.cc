@@ -54,22 +54,24 @@ Sequencer::Sequencer(const Manifest& plan, DeviceSet& devices, Clock& clock, OnG
     mine.settings = camera.settings;
     cameras_.push_back(std::move(mine));
   }
-  const auto add_display = [&](const std::string& name, int width_px, int height_px) {
+  const auto add_display = [&](const std::string& name, int width_px, int height_px, double gamma) {
     PlanDisplay mine;
     mine.name = name;
     mine.device = devices.display(name);
     mine.width_px = width_px;
     mine.height_px = height_px;
+    mine.gamma = gamma;
     displays_.push_back(std::move(mine));
   };
   for (const PlannedDisplay& display : plan.displays)
-    add_display(display.name, display.width_px, display.height_px);
+    add_display(display.name, display.width_px, display.height_px, display.gamma);
   for (const std::string& name : devices.names(DeviceKind::display)) {
     const bool planned =
         std::any_of(displays_.begin(), displays_.end(),
                     [&](const PlanDisplay& display) { return display.name == name; });
     const DisplayInfo& info = devices.display(name)->info();
-    if (!planned && info.width_px > 0) add_display(name, info.width_px, info.height_px);
+    if (!planned && info.width_px > 0)
+      add_display(name, info.width_px, info.height_px, kUsualGamma);
   }
   if (const auto names = devices.names(DeviceKind::turntable); !names.empty())
     table_name_ = names.front();
@@ -330,7 +332,8 @@ Time Sequencer::table_deadline(double angle_rad) const {
 
 Status Sequencer::show(PlanDisplay& display, const Pattern& pattern) {
   if (display.lit == pattern) return {};
-  const Picture picture = ALHAZEN_TRY(draw(pattern, display.width_px, display.height_px));
+  const Picture picture =
+      ALHAZEN_TRY(draw(pattern, display.width_px, display.height_px, display.gamma));
   display.lit.reset();
   const Time steady =
       ALHAZEN_TRY(insist(display.name, [&] { return display.device->show(picture, stop_); }));

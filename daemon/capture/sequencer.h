@@ -63,6 +63,7 @@ class Sequencer {
     std::string name;
     Display* device = nullptr;
     int width_px = 0, height_px = 0;
+    double gamma = 0;
     std::optional<Pattern> lit;  // what it shows, where that is known
     bool gone = false;           // given up for this stop (OnGap::accept)
   };

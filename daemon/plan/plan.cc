@@ -290,6 +290,7 @@ Result<PlannedDisplay> plan_display(const std::string& name, Coding coding, cons
   display.name = name;
   display.width_px = model.width_px;
   display.height_px = model.height_px;
+  display.gamma = model.gamma;
   display.patterns =
       ALHAZEN_TRY(make_sequence(coding, model.width_px, model.height_px).in("display " + name));
   return display;

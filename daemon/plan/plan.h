@@ -102,8 +102,7 @@ struct Step {
 /// Cameras' regions of interest hold the projection of the volume's cube at every stop, widened to
 /// multiples of kRegionAlignPx.
 /// Fails: invalid, naming key and allowed range (a name that rig or devices do not have, a number
-///        out of range, sizes of rig and device that differ, a volume a camera does not see),
-///        unsupported (gray_phase, for now).
+///        out of range, sizes of rig and device that differ, a volume a camera does not see).
 [[nodiscard]] Result<Manifest> make_plan(const ScanRequest& request,
                                          const std::vector<Preset>& presets, const Rig& rig,
                                          const DeviceFacts& devices, const PlanStamp& stamp);

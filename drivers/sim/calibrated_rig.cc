@@ -69,7 +69,8 @@ std::string calibrated_rig(const Scene& scene, const CalibrationError& error) {
                                {"origin_mm", array(middle - turn * to_middle)},
                                {"u_mm", array(turn * display.u_mm)},
                                {"v_mm", array(turn * display.v_mm)},
-                               {"mount", display.fixed == Fixed::to_rig ? "rig" : "turntable"}});
+                               {"mount", display.fixed == Fixed::to_rig ? "rig" : "turntable"},
+                               {"gamma", display.gamma}});
   }
   const Vec3 slip = deviates.vector(error.axis_mm);
   const Vec3 along = scene.table.direction;

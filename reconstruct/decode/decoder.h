@@ -25,6 +25,9 @@ struct DecodeOptions {
   /// A pixel that resolves no bit as fine as this carries no position: what scatters light from
   /// the whole display resolves its coarsest bits. 0 = finest, range [0, 13].
   int max_bit = 6;
+  /// A phase counts where its amplitude is at least this share of (white − black) / 2: a period
+  /// shorter than 1.5 footprints of the pixel is not believed. Unit 1, range [0.25, 1).
+  double min_phase_modulation = 0.4;
 
   /// Fails: invalid, naming option and range.
   [[nodiscard]] Status is_valid() const;
@@ -36,20 +39,26 @@ struct DecodeOptions {
 /// Memory: per pixel 1 or 2 bytes of contrast, two bits, and three bits a pattern pair. Pairs are
 /// folded four at a time, for each time reads the contrast again; so up to eight frames are held,
 /// and all that come before white and black. So show white and black first, and each pattern next
-/// to its inverse. The result does not depend on the order. Labels: mirror   every bit from the
-/// coarsest down to the finest resolved one agrees
-///         mixed    contrast, but no such agreement, no resolved bit, or a code beyond the display
+/// to its inverse. Once all of these are there they become positions, which the periods of the
+/// phases then sharpen, the longest first: frames are held until their period's turn has come and
+/// all its steps are there.
+/// The result does not depend on the order of arrival.
+/// Labels: mirror   every bit from the coarsest down to the finest resolved one agrees, and so does
+///                  every period that is resolved; where phases follow, one of them is
+///         mixed    contrast, but no such agreement, nothing resolved, or a code beyond the display
 ///         saturated  as none or mixed, and white is at full scale: a shorter exposure may help
 ///         none     no contrast
 /// Source: Gray code with inverse patterns compared pixel by pixel, decoded to the finest bit with
 ///         contrast (M. Weinmann's thesis, chapter 5, and Weinmann, Osep, Ruiters, Klein, ICCV
-///         2013).
+///         2013); phase shift in steps (Bruning et al., Applied Optics 13, 1974).
 class Decoder {
  public:
   /// `sequence`: every pattern that will come: white, black, and on both axes every bit from the
-  /// most significant down, each with its inverse; the finest may be left out.
-  /// Fails: invalid (options out of range, an empty region, a pattern without its inverse, no white
-  /// or black, a bit missing above another), unsupported (phase, for now).
+  /// most significant down, each with its inverse; the finest may be left out. On an axis phases
+  /// may follow: every step of one or several periods, the longest at least four cells of the
+  /// finest bit, each of the others at least an eighth of the one before. Fails: invalid (options
+  /// out of range, an empty region, a pattern without its inverse, no white or black, a bit missing
+  /// above another, a step missing, periods too far apart).
   [[nodiscard]] static Result<Decoder> make(const DecodeOptions& options, const StackKey& key,
                                             double angle_rad, const Region& region, int bits,
                                             int display_width_px, int display_height_px,

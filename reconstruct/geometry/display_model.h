@@ -20,6 +20,7 @@ struct DisplayModel {
       Eigen::Vector3d::UnitX();  ///< one pixel to the right, as the viewer sees it
   Eigen::Vector3d v_mm = -Eigen::Vector3d::UnitZ();  ///< one pixel down
   Mount mount = Mount::rig;
+  double gamma = 2.2;  ///< light = value^gamma
 
   [[nodiscard]] Eigen::Vector3d point_mm(double u_px, double v_px) const {
     return origin_mm + u_px * u_mm + v_px * v_mm;

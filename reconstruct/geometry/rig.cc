@@ -128,7 +128,8 @@ Result<CameraModel> camera(const Json& json, const std::string& path) {
 
 Result<DisplayModel> display(const Json& json, const std::string& path) {
   ALHAZEN_TRY(only_keys(
-      json, {"name", "width_px", "height_px", "origin_mm", "u_mm", "v_mm", "mount"}, path));
+      json, {"name", "width_px", "height_px", "origin_mm", "u_mm", "v_mm", "mount", "gamma"},
+      path));
   DisplayModel out;
   out.name = ALHAZEN_TRY(name(json, path));
   out.width_px = ALHAZEN_TRY(size_px(json, "width_px", path));
@@ -139,6 +140,10 @@ Result<DisplayModel> display(const Json& json, const std::string& path) {
   const double area = out.u_mm.cross(out.v_mm).norm();
   if (!(area > 1e-3 * out.u_mm.norm() * out.v_mm.norm()) || !(area > 1e-12))
     return wrong(path + ".v_mm", "a vector that is not parallel to u_mm; neither may be zero");
+  if (const auto gamma = json.find("gamma"); gamma != json.end()) {
+    out.gamma = ALHAZEN_TRY(finite(*gamma, path + ".gamma"));
+    if (!(out.gamma >= 0.5 && out.gamma <= 4)) return wrong(path + ".gamma", "in [0.5, 4]");
+  }
   const Json* mount = ALHAZEN_TRY(member(json, "mount", path));
   if (*mount == "rig") {
     out.mount = Mount::rig;
@@ -246,7 +251,8 @@ std::string Rig::to_json() const {
                                 {"origin_mm", list(display.origin_mm)},
                                 {"u_mm", list(display.u_mm)},
                                 {"v_mm", list(display.v_mm)},
-                                {"mount", display.mount == Mount::rig ? "rig" : "turntable"}});
+                                {"mount", display.mount == Mount::rig ? "rig" : "turntable"},
+                                {"gamma", display.gamma}});
   return root.dump(1);
 }
 

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "alhazen/caught.h"
+#include "reconstruct/pattern/draw.h"
 #include "reconstruct/pattern/gray_code.h"
 #include "reconstruct/scan/json_fields.h"
 
@@ -103,6 +104,7 @@ Result<PlannedDisplay> parse_display(JsonFields fields) {
   display.width_px = ALHAZEN_TRY(fields.small("width_px", kMinDisplaySide_px, kMaxDisplaySide_px));
   display.height_px =
       ALHAZEN_TRY(fields.small("height_px", kMinDisplaySide_px, kMaxDisplaySide_px));
+  display.gamma = ALHAZEN_TRY(fields.number("gamma", kMinGamma, kMaxGamma));
   const json& patterns = *ALHAZEN_TRY(fields.list("patterns", 1, kMostPatterns));
   for (std::size_t i = 0; i < patterns.size(); ++i) {
     display.patterns.push_back(
@@ -238,6 +240,7 @@ std::string Manifest::to_json() const {
     display_list.push_back({{"name", display.name},
                             {"width_px", display.width_px},
                             {"height_px", display.height_px},
+                            {"gamma", display.gamma},
                             {"patterns", std::move(patterns)}});
   }
   for (const PlannedCamera& camera : cameras) {

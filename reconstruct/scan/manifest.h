@@ -39,6 +39,7 @@ struct PlannedDisplay {
   std::string name;
   int width_px = 0, height_px = 0;
   std::vector<Pattern> patterns;  ///< in the order shown
+  double gamma = 2.2;             ///< light = value^gamma
 };
 
 /// What a scan directory is about: written once, before the first capture, never changed. It holds

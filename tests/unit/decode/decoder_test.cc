@@ -7,9 +7,11 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <random>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "reconstruct/pattern/draw.h"
@@ -63,11 +65,18 @@ TEST(Decoder, EveryDisplayDecodesItself) {
 /// Share of [x − F/2, x + F/2] where the pattern is white, by integrating it display pixel by
 /// display pixel: an independent model of a camera's pixel.
 double share_of_white(const Pattern& pattern, double centre_px, double width_px) {
-  if (pattern.kind != PatternKind::gray) return pattern.kind == PatternKind::white ? 1 : 0;
+  if (pattern.kind == PatternKind::white) return 1;
+  if (pattern.kind == PatternKind::black) return 0;
   const double begin = centre_px - width_px / 2, end = centre_px + width_px / 2;
   double white = 0;
   for (auto u = static_cast<int>(std::floor(begin + 0.5)); u - 0.5 < end; ++u) {
     const double part = std::min(end, u + 0.5) - std::max(begin, u - 0.5);
+    if (pattern.kind == PatternKind::phase) {
+      white += part * (0.5 + 0.5 * std::cos(2 * std::numbers::pi *
+                                            (static_cast<double>(u) / pattern.period_px -
+                                             static_cast<double>(pattern.step) / pattern.steps)));
+      continue;
+    }
     const bool one =
         ((gray_from_binary(static_cast<std::uint32_t>(std::max(u, 0))) >> pattern.bit) & 1U) != 0;
     if (one != pattern.inverted) white += part;
@@ -83,10 +92,10 @@ struct Seen {
 
 /// Decodes pixels that see these places; v is the same for all.
 LightMap decode_seen(const std::vector<Seen>& pixels, double noise_dn, DecodeOptions options = {},
-                     int bits = 8, int lowest_bit = 0) {
+                     int bits = 8, int lowest_bit = 0, Coding coding = Coding::gray) {
   constexpr int kWidth_px = 1280;
   const double full_scale = (1 << bits) - 1;
-  std::vector<Pattern> sequence = sequence_of(kWidth_px, 2);
+  std::vector<Pattern> sequence = *make_sequence(coding, kWidth_px, 2);
   std::erase_if(sequence, [&](const Pattern& pattern) {
     return pattern.kind == PatternKind::gray && pattern.axis == Axis::u && pattern.bit < lowest_bit;
   });
@@ -97,7 +106,7 @@ LightMap decode_seen(const std::vector<Seen>& pixels, double noise_dn, DecodeOpt
   for (const Pattern& pattern : sequence) {
     std::vector<std::uint16_t> frame;
     for (const Seen& pixel : pixels) {
-      const bool is_u = pattern.kind != PatternKind::gray || pattern.axis == Axis::u;
+      const bool is_u = pattern.axis == Axis::u;
       const double place = is_u ? pixel.u_px : 0;
       const double width = is_u ? pixel.footprint_px : 0.1;
       const double light =
@@ -246,6 +255,62 @@ TEST(Decoder, ScatteredLightIsNoPosition) {
   EXPECT_EQ(map.bit_v[0], 9);
 }
 
+TEST(Decoder, PhasesAreSubPixel) {
+  for (const int bits : {8, 12}) {
+    for (const double footprint_px : {1.0, 5.0, 16.0, 30.0, 50.0, 75.0, 120.0, 160.0}) {
+      SCOPED_TRACE(footprint_px);
+      const std::vector<Seen> pixels = places(footprint_px, 3000);
+      const LightMap map =
+          decode_seen(pixels, bits == 8 ? 0.7 : 11, {}, bits, 0, Coding::gray_phase);
+      std::size_t decoded = 0;
+      double squares = 0, sum = 0, errors2 = 0;
+      for (std::size_t i = 0; i < pixels.size(); ++i) {
+        if (!map.is_position(i)) continue;
+        ++decoded;
+        const double error_px = map.u_px[i] - pixels[i].u_px;
+        sum += error_px;
+        errors2 += error_px * error_px;
+        squares += std::pow(error_px / map.sigma_u_px[i], 2);
+      }
+      const auto count = static_cast<double>(decoded);
+      EXPECT_GE(decoded, pixels.size() * 97 / 100);
+      const double rms_px = std::sqrt(errors2 / count), sigmas = std::sqrt(squares / count);
+      // A 200th of the footprint, or of the shortest period where that is more.
+      EXPECT_LE(rms_px, std::max(footprint_px, kPhasePeriods_px.back() / 2.0) / 150);
+      EXPECT_LE(std::abs(sum / count), 4 * rms_px / std::sqrt(count) + 0.005);
+      EXPECT_GT(sigmas, 0.7);
+      EXPECT_LT(sigmas, 1.3);
+    }
+  }
+}
+
+TEST(Decoder, WiderThanEveryPeriodIsNoPosition) {
+  const std::vector<Seen> pixels = places(300, 1000);
+  const LightMap map = decode_seen(pixels, 0.7, {}, 8, 0, Coding::gray_phase);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    ASSERT_EQ(map.label[i], Label::mixed);
+    ASSERT_TRUE(std::isnan(map.u_px[i]) && std::isnan(map.v_px[i]));
+    ASSERT_TRUE(std::isnan(float{map.sigma_u_px[i]}) && std::isnan(float{map.sigma_v_px[i]}));
+  }
+}
+
+TEST(Decoder, TwoPlacesInThePhasesAreMixed) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> u(40, 1240), share(0.3, 0.5);
+  std::vector<Seen> pixels;
+  while (pixels.size() < 4000) {
+    const Seen seen{u(random), 1.5, u(random), share(random)};
+    if (std::abs(seen.u_px - seen.other_px) > 40) pixels.push_back(seen);
+  }
+  const LightMap map = decode_seen(pixels, 0.7, {}, 8, 0, Coding::gray_phase);
+  std::size_t far = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!map.is_position(i)) continue;
+    far += std::abs(map.u_px[i] - pixels[i].u_px) > 4 ? 1U : 0U;
+  }
+  EXPECT_LT(far, pixels.size() / 25);
+}
+
 /// Frames of noise: what matters is that all orders come to the same.
 std::vector<Image> noise_frames(std::size_t count, const Region& region) {
   std::minstd_rand random(9);
@@ -264,16 +329,22 @@ bool same_bytes(const PixelList<T>& a, const PixelList<T>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
 }
 
-TEST(Decoder, TheOrderOfArrivalDoesNotMatter) {
+class DecoderOrder : public testing::TestWithParam<std::tuple<Coding, int, int>> {};
+INSTANTIATE_TEST_SUITE_P(Codings, DecoderOrder,
+                         testing::Values(std::tuple{Coding::gray, 40, 30},
+                                         std::tuple{Coding::gray_phase, 70, 300}));
+
+TEST_P(DecoderOrder, DoesNotMatter) {
   const Region region{0, 0, 97, 61};  // more than a tile, and no whole number of them
-  const std::vector<Pattern> sequence = sequence_of(40, 30);
+  const auto [coding, width_px, height_px] = GetParam();
+  const std::vector<Pattern> sequence = *make_sequence(coding, width_px, height_px);
   const std::vector<Image> frames = noise_frames(sequence.size(), region);
   std::vector<std::size_t> order(sequence.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::optional<LightMap> first;
   std::mt19937 random(1);
   for (int round = 0; round < 12; ++round) {
-    Decoder decoder = *Decoder::make({}, kKey, 0, region, 8, 40, 30, sequence);
+    Decoder decoder = *Decoder::make({}, kKey, 0, region, 8, width_px, height_px, sequence);
     for (const std::size_t i : order) ASSERT_TRUE(decoder.add(sequence[i], frames[i]));
     LightMap map = *std::move(decoder).finish();
     if (!first) first = map;
@@ -347,9 +418,27 @@ TEST(Decoder, RefusesSequencesThatCannotBeDecoded) {
   std::vector<Pattern> beyond = good;
   beyond.push_back({.kind = PatternKind::gray, .bit = 3});
   EXPECT_EQ(make(beyond).error().code, Code::invalid);
-  std::vector<Pattern> phase = good;
-  phase.push_back({.kind = PatternKind::phase, .period_px = 16, .step = 0, .steps = 4});
-  EXPECT_EQ(make(phase).error().code, Code::unsupported);
+  const auto with_period = [&](int period_px, int steps, int shown) {
+    std::vector<Pattern> sequence = good;
+    for (int step = 0; step < shown; ++step) {
+      sequence.push_back(
+          {.kind = PatternKind::phase, .period_px = period_px, .step = step, .steps = steps});
+    }
+    return sequence;
+  };
+  EXPECT_TRUE(make(with_period(16, 4, 4)));
+  EXPECT_NE(make(with_period(16, 4, 3))
+                .error()
+                .what.find("phase step 3 of 4 of period 16 px of u is missing"),
+            std::string::npos);
+  EXPECT_NE(make(with_period(3, 4, 4)).error().what.find("must be at least 4 px"),
+            std::string::npos);
+  EXPECT_EQ(make(with_period(16, 2, 2)).error().code, Code::invalid);
+  EXPECT_EQ(make(with_period(0, 4, 4)).error().code, Code::invalid);
+  std::vector<Pattern> mixed_steps = with_period(16, 4, 4);
+  mixed_steps.push_back({.kind = PatternKind::phase, .period_px = 16, .step = 4, .steps = 5});
+  EXPECT_EQ(make(mixed_steps).error().code, Code::invalid);
+  EXPECT_EQ(make(good, {.min_phase_modulation = 0.2}).error().code, Code::invalid);
   EXPECT_FALSE(make({}));
   EXPECT_EQ(make(good, {.min_contrast = 0}).error().code, Code::invalid);
   EXPECT_EQ(make(good, {.min_modulation = 1}).error().code, Code::invalid);

@@ -38,7 +38,26 @@ TEST(Sequence, RefusesWhatItCannotCode) {
     EXPECT_EQ(sequence.error().code, Code::invalid);
     EXPECT_NE(sequence.error().what.find("[2, 16384]"), std::string::npos);
   }
-  EXPECT_EQ(make_sequence(Coding::gray_phase, 10, 10).error().code, Code::unsupported);
+}
+
+TEST(Sequence, PhasesComeAfterCoarseBits) {
+  const std::vector<Pattern> sequence = *make_sequence(Coding::gray_phase, 1920, 64);
+  int phases = 0, lowest_u = 99, lowest_v = 99;
+  std::set<std::pair<int, int>> shown;
+  for (const Pattern& pattern : sequence) {
+    if (pattern.kind == PatternKind::gray) {
+      EXPECT_EQ(phases, 0) << "a bit after the phases";
+      int& lowest = pattern.axis == Axis::u ? lowest_u : lowest_v;
+      lowest = std::min(lowest, pattern.bit);
+    }
+    if (pattern.kind != PatternKind::phase) continue;
+    ++phases;
+    EXPECT_EQ(pattern.axis, Axis::u);  // 64 rows have no two cells of 64
+    EXPECT_TRUE(shown.emplace(pattern.period_px, pattern.step).second);
+  }
+  EXPECT_EQ(lowest_u, kPhaseGrayBit);
+  EXPECT_EQ(lowest_v, 0);
+  EXPECT_EQ(shown.size(), kPhasePeriods_px.size() * kPhaseSteps);
 }
 
 /// The position that the pictures spell at one display pixel.
@@ -88,6 +107,28 @@ TEST(Draw, InverseIsTheComplement) {
   }
 }
 
+TEST(Draw, PhasesAreCosinesOfLinearLight) {
+  for (const double gamma : {1.0, 2.2, 3.1}) {
+    for (const Axis axis : {Axis::u, Axis::v}) {
+      const Pattern pattern{
+          .kind = PatternKind::phase, .axis = axis, .period_px = 24, .step = 1, .steps = 5};
+      const Picture picture = *draw(pattern, 60, 50, gamma);
+      for (int v = 0; v < 50; ++v) {
+        for (int u = 0; u < 60; ++u) {
+          const double wanted = 0.5 + 0.5 * std::cos(2 * std::numbers::pi *
+                                                     ((axis == Axis::u ? u : v) / 24.0 - 1 / 5.0));
+          const double value = picture.image.mono8()[static_cast<std::size_t>(v * 60 + u)] / 255.0;
+          // Half a step of the panel's values.
+          const double low = std::pow(std::max(0.0, value - 0.5 / 255), gamma),
+                       high = std::pow(value + 0.5 / 255, gamma);
+          ASSERT_GE(wanted, low - 1e-9);
+          ASSERT_LE(wanted, high + 1e-9);
+        }
+      }
+    }
+  }
+}
+
 TEST(Draw, RefusesSizesAndBitsThatAreNotThere) {
   const Pattern bit_5{.kind = PatternKind::gray, .axis = Axis::v, .bit = 5};
   EXPECT_TRUE(draw(bit_5, 2, 33));
@@ -97,7 +138,19 @@ TEST(Draw, RefusesSizesAndBitsThatAreNotThere) {
             "invalid: bit 5 of axis v does not exist on 64 x 32 px; it must be in [0, 4]");
   EXPECT_EQ(draw({.kind = PatternKind::white}, 1, 2).error().code, Code::invalid);
   EXPECT_EQ(draw({.kind = PatternKind::white}, 2, 16385).error().code, Code::invalid);
-  EXPECT_EQ(draw({.kind = PatternKind::phase}, 8, 8).error().code, Code::unsupported);
+  const Pattern phase{.kind = PatternKind::phase, .period_px = 16, .step = 2, .steps = 4};
+  EXPECT_TRUE(draw(phase, 8, 8));
+  const auto refused = [&](auto&& change, double gamma = 2.2) {
+    Pattern wrong = phase;
+    change(wrong);
+    EXPECT_EQ(draw(wrong, 8, 8, gamma).error().code, Code::invalid);
+  };
+  refused([](Pattern& wrong) { wrong.period_px = 1; });
+  refused([](Pattern& wrong) { wrong.steps = 2; });
+  refused([](Pattern& wrong) { wrong.step = 4; });
+  refused([](Pattern& wrong) { wrong.step = -1; });
+  refused([](Pattern&) {}, 0.4);
+  refused([](Pattern&) {}, std::nan(""));
 }
 
 }  // namespace

@@ -308,9 +308,15 @@ TEST_F(PlanTest, ATableWithLimitsNeedsRoomToRunUp) {
   EXPECT_THAT(plan().error().what, HasSubstr("'plan.angles_deg' is 201"));
 }
 
-TEST_F(PlanTest, UnbuiltCodingsAreUnsupported) {
+TEST_F(PlanTest, PhasesFollowTheCoarseBits) {
   request_.choices.coding = Coding::gray_phase;
-  EXPECT_EQ(plan().error().code, Code::unsupported);
+  const auto made = plan();
+  ASSERT_TRUE(made);
+  for (const PlannedDisplay& display : made->displays) {
+    EXPECT_EQ(display.patterns,
+              *make_sequence(Coding::gray_phase, display.width_px, display.height_px));
+    EXPECT_EQ(display.patterns.back().kind, PatternKind::phase);
+  }
 }
 
 TEST_F(PlanTest, ASmallPlanIsEstimatedAsCountedByHand) {
