@@ -35,6 +35,8 @@ constexpr int kMaxSide_px = 65'535;
 constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 32;
 // Bytes of a pixel in the file: two FLOAT and six HALF channels.
 constexpr std::uint64_t kPixelBytes = 20;
+// Two bytes say at most a run of 128.
+constexpr std::uint64_t kMostExpansion = 64;
 // Rows converted at once: lists of bytes are HALF in the file, which has whole numbers to 2048.
 constexpr int kBlockRows = 64;
 
@@ -129,7 +131,7 @@ Imf::FrameBuffer frame_buffer(Map& map, const HalfRows& rows, int first_row) {
 
 void write_exr(const LightMap& map, Imf::OStream& out) {
   Imf::Header header(window_of(map.region), window_of(map.region));
-  header.compression() = Imf::NO_COMPRESSION;
+  header.compression() = Imf::RLE_COMPRESSION;
   const auto insert = [&](const auto& channels, Imf::PixelType type) {
     for (const auto& channel : channels) {
       header.channels().insert(channel.name, Imf::Channel(type));
@@ -259,11 +261,11 @@ Result<LightMap> read_header(const Imf::Header& header, std::size_t file_bytes) 
       window.max.x > kMaxSide_px || window.max.y > kMaxSide_px) {
     return Error{Code::corrupt, "attribute 'dataWindow' reaches outside [0, 65535] px"};
   }
-  if (header.compression() != Imf::NO_COMPRESSION) {
-    return Error{Code::corrupt, "attribute 'compression' is not 'none'"};
+  if (header.compression() != Imf::RLE_COMPRESSION) {
+    return Error{Code::corrupt, "attribute 'compression' is not 'run length'"};
   }
   if (static_cast<std::uint64_t>(width) * static_cast<std::uint64_t>(height) * kPixelBytes >
-      file_bytes) {
+      kMostExpansion * file_bytes) {
     return Error{Code::corrupt, "the file is shorter than its data window"};
   }
   std::size_t channels = 0;
