@@ -7,6 +7,8 @@
 #include <tuple>
 #include <utility>
 
+#include "reconstruct/vote/smooth_positions.h"
+
 namespace alhazen {
 namespace {
 
@@ -127,6 +129,19 @@ std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label
   return result;
 }
 
+/// Median over the map's mirror pixels; every 7th will do.
+float median_sigma(const PixelList<Imath::half>& sigma_px, const std::vector<Label>& labels) {
+  std::vector<float> list;
+  for (std::size_t i = 0; i < labels.size(); i += 7) {
+    const float sigma = sigma_px[i];
+    if (labels[i] == Label::mirror && std::isfinite(sigma)) list.push_back(sigma);
+  }
+  if (list.empty()) return 0;
+  const auto middle = list.begin() + static_cast<std::ptrdiff_t>(list.size() / 2);
+  std::nth_element(list.begin(), middle, list.end());
+  return *middle;
+}
+
 }  // namespace
 
 bool Observation::may_see(double x0, double y0, double x1, double y1) const {
@@ -241,7 +256,9 @@ Status Observations::add(const LightMap& map) {
   const Region box = box_of(map, labels, Label::mirror);
   if (area(box) > 0) {
     seen.box = {region.x + box.x, region.y + box.y, box.width, box.height};
-    seen.uv_px.resize(2 * area(box));
+    Positions positions{box.width, box.height, {}, {}};
+    positions.uv_px.resize(2 * area(box));
+    positions.is_valid.resize(area(box));
     const auto source = [&](int x, int y) {
       return static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(region.width) +
              static_cast<std::size_t>(box.x + x);
@@ -252,10 +269,11 @@ Status Observations::add(const LightMap& map) {
     };
     for (int y = 0; y < box.height; ++y) {
       for (int x = 0; x < box.width; ++x) {
-        const std::size_t from = source(x, y), to = 2 * target(x, y);
+        const std::size_t from = source(x, y), to = target(x, y);
         const bool is_mirror = labels[from] == Label::mirror;
-        seen.uv_px[to] = is_mirror ? map.u_px[from] : 0;
-        seen.uv_px[to + 1] = is_mirror ? map.v_px[from] : 0;
+        positions.is_valid[to] = is_mirror ? 1 : 0;
+        positions.uv_px[2 * to] = is_mirror ? map.u_px[from] : 0;
+        positions.uv_px[2 * to + 1] = is_mirror ? map.v_px[from] : 0;
       }
     }
     const double away_mm = (seen.origin_object_mm + seen.u_object_mm * (display.width_px / 2.0) +
@@ -265,22 +283,17 @@ Status Observations::add(const LightMap& map) {
         static_cast<float>(options_.jump_rad * away_mm / seen.u_object_mm.norm());
     const auto jump_v_px =
         static_cast<float>(options_.jump_rad * away_mm / seen.v_object_mm.norm());
-    // A display error e seen from D away tilts the hypothesis by e / 2D; every 7th pixel will do.
     if (has_sigma) {
-      std::vector<float> noise;
-      for (std::size_t i = 0; i < count; i += 7) {
-        if (labels[i] != Label::mirror) continue;
-        const double sigma = std::hypot(float{map.sigma_u_px[i]} * seen.u_object_mm.norm(),
-                                        float{map.sigma_v_px[i]} * seen.v_object_mm.norm()) /
-                             std::sqrt(2.0);
-        if (std::isfinite(sigma)) noise.push_back(static_cast<float>(sigma / (2 * away_mm)));
-      }
-      if (!noise.empty()) {
-        const auto middle = noise.begin() + static_cast<std::ptrdiff_t>(noise.size() / 2);
-        std::nth_element(noise.begin(), middle, noise.end());
-        seen.noise_rad = *middle;
-      }
+      positions.sigma_u_px = median_sigma(map.sigma_u_px, labels);
+      positions.sigma_v_px = median_sigma(map.sigma_v_px, labels);
     }
+    const float gain = smooth_positions(positions, jump_u_px, jump_v_px);
+    seen.uv_px = std::move(positions.uv_px);
+    // A display error e seen from D away tilts the hypothesis by e / 2D.
+    seen.noise_rad = static_cast<float>(gain *
+                                        std::hypot(positions.sigma_u_px * seen.u_object_mm.norm(),
+                                                   positions.sigma_v_px * seen.v_object_mm.norm()) /
+                                        (2 * std::sqrt(2.0) * away_mm));
     seen.cells.assign((area(box) + 31) / 32, 0);
     const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
     const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
@@ -295,13 +308,12 @@ Status Observations::add(const LightMap& map) {
     };
     for (int y = 0; y + 1 < box.height; ++y) {
       for (int x = 0; x + 1 < box.width; ++x) {
-        if (labels[source(x, y)] != Label::mirror || labels[source(x + 1, y)] != Label::mirror ||
-            labels[source(x, y + 1)] != Label::mirror ||
-            labels[source(x + 1, y + 1)] != Label::mirror) {
-          continue;
-        }
         const std::size_t corner[4] = {target(x, y), target(x + 1, y), target(x, y + 1),
                                        target(x + 1, y + 1)};
+        if (std::any_of(std::begin(corner), std::end(corner),
+                        [&](std::size_t c) { return positions.is_valid[c] == 0; })) {
+          continue;
+        }
         if (!is_smooth(corner, 0, jump_u_px) || !is_smooth(corner, 1, jump_v_px)) continue;
         seen.cells[corner[0] / 32] |= 1u << (corner[0] % 32);
         seen.tiles[static_cast<std::size_t>(y / Observation::kTilePx) *
