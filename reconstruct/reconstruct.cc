@@ -17,6 +17,7 @@
 #include "reconstruct/vote/depth.h"
 #include "reconstruct/vote/observations.h"
 #include "reconstruct/vote/parallel.h"
+#include "reconstruct/vote/rivals.h"
 #include "reconstruct/vote/voter.h"
 
 namespace alhazen {
@@ -185,18 +186,21 @@ struct Start {
   Octree octree;
 };
 
-Result<Start> start(const Voter& voter, const Volume& volume, int level, int coarsest,
-                    double min_consistency, std::size_t light_maps, Steps& vote_steps) {
+Result<Start> start(const Observations& observations, const Options& options, const Voter& voter,
+                    const Volume& volume, int level, int coarsest, Steps& vote_steps) {
   Solved voted{Octree::uniform(volume, level), {}, {}, {}, {}};
   voted.field = ALHAZEN_TRY(voter.vote(voted.octree, nullptr, vote_steps.next()));
   if (std::all_of(voted.field.consistency.begin(), voted.field.consistency.end(),
                   [](float c) { return c <= 0; })) {
-    return Error{Code::conflict, "no two of the " + std::to_string(light_maps) +
+    return Error{Code::conflict, "no two of the " + std::to_string(observations.size()) +
                                      " light maps agree on a normal anywhere in the volume: no "
                                      "surface"};
   }
+  ALHAZEN_TRY(remove_rivals(observations, options.vote, voter, options.adapt.min_consistency,
+                            voted.octree, voted.field, vote_steps.next()));
   voted.faces = voted.octree.faces();
-  Octree octree = voted.octree.adapted(wanted_levels(voted, level, coarsest, 1, min_consistency));
+  Octree octree = voted.octree.adapted(
+      wanted_levels(voted, level, coarsest, 1, options.adapt.min_consistency / 2));
   return Start{std::move(voted), std::move(octree)};
 }
 
@@ -357,15 +361,14 @@ Result<Mesh> Reconstruction::preview(const Run& run) {
   const Stopwatch watch(state_->times, "preview");
   std::vector<StageTime> unused;
   const Voter voter(state_->observations, state_->options.vote);
-  Steps vote_steps(run, "vote", 3), cut_steps(run, "surface", 3), mesh_steps(run, "mesh", 1);
+  Steps vote_steps(run, "vote", 4), cut_steps(run, "surface", 3), mesh_steps(run, "mesh", 1);
   const int level = std::min(state_->level, kPreviewLevel);
   const int coarsest = std::max(0, level - kCoarserLevels);
   SurfaceOptions options = state_->options.surface;
   options.relative_gap = std::max(options.relative_gap, kPreviewGap);
   auto solve_preview = [&]() -> Result<Solved> {
-    Start first = ALHAZEN_TRY(start(voter, state_->volume, level, coarsest,
-                                    state_->options.adapt.min_consistency / 2,
-                                    state_->observations.size(), vote_steps));
+    Start first = ALHAZEN_TRY(start(state_->observations, state_->options, voter, state_->volume,
+                                    level, coarsest, vote_steps));
     const Solved coarse = ALHAZEN_TRY(solve(voter, options, std::move(first.octree), &first.voted,
                                             vote_steps, cut_steps, unused));
     return solve(voter, options,
@@ -414,15 +417,15 @@ Result<Reconstructed> Reconstruction::make_all(const Run& run) {
   const int start_level = std::min(state_->level, adapt.start_level);
   const int coarsest = std::max(0, start_level - kCoarserLevels);
   const int rounds = (state_->level - start_level + 1) * adapt.adaptions;
-  Steps vote_steps(run, "vote", rounds + 1), cut_steps(run, "surface", rounds + 2);
+  Steps vote_steps(run, "vote", rounds + 2), cut_steps(run, "surface", rounds + 2);
   Steps depth_steps(run, "depth", 1), mesh_steps(run, "mesh", 1);
 
   std::optional<Octree> octree;  // to be cut next, where it is known already
   std::optional<Solved> solved;
   {
     const Stopwatch watch(result.times, "vote");
-    Start first = ALHAZEN_TRY(start(voter, state_->volume, start_level, coarsest,
-                                    adapt.min_consistency / 2, result.light_maps, vote_steps));
+    Start first = ALHAZEN_TRY(start(state_->observations, options, voter, state_->volume,
+                                    start_level, coarsest, vote_steps));
     solved.emplace(std::move(first.voted));
     octree.emplace(std::move(first.octree));
   }

@@ -15,6 +15,8 @@ struct NormalField {
   std::vector<float> support;            ///< Σ exp(−|n_v − N|² / 2h²): votes that agree
   std::vector<std::uint16_t> votes;      ///< valid look-ups
   std::vector<std::uint8_t> free_space;  ///< 1: some camera looks through this leaf onto a display
+  /// 1: what is voted here is better explained elsewhere (rivals.h), so nothing is voted.
+  std::vector<std::uint8_t> no_surface;
 };
 
 }  // namespace alhazen

@@ -73,18 +73,19 @@ Result<NormalField> Voter::vote(const Octree& octree, const VotedBefore* before,
   field.support.assign(size, 0);
   field.votes.assign(size, 0);
   field.free_space.assign(size, 0);
+  field.no_surface.assign(size, 0);
 
   std::vector<std::uint32_t> leaves;
   if (before != nullptr) {
     const std::vector<std::uint32_t> old = octree.leaf_in(before->octree);
     for (std::size_t i = 0; i < size; ++i) {
       const std::size_t from = old[i];
-      if (before->field.free_space[from] != 0 &&
-          before->octree.leaves()[from].level <= octree.leaves()[i].level) {
-        field.free_space[i] = 1;  // a part of free space is free
-        continue;
-      }
-      if (!(before->octree.leaves()[from] == octree.leaves()[i])) {
+      // A part of free space is free, and so on. Of leaves that were merged the one in the middle
+      // speaks for all: it knew better than a vote with a larger leaf's bandwidth.
+      field.free_space[i] = before->field.free_space[from];
+      field.no_surface[i] = before->field.no_surface[from];
+      if (field.free_space[i] != 0 || field.no_surface[i] != 0) continue;
+      if (before->octree.leaves()[from].level < octree.leaves()[i].level) {
         leaves.push_back(static_cast<std::uint32_t>(i));
         continue;
       }
