@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "alhazen/result.h"
+#include "reconstruct/run.h"
+
+namespace alhazen::experiment {
+
+/// One line of the printed table: keys carry their units; "experiment" names it.
+using Row = nlohmann::ordered_json;
+
+/// Where an experiment reads and writes.
+struct Context {
+  std::filesystem::path out;    ///< reports, one folder a row
+  std::filesystem::path cache;  ///< simulated scans, kept for the next run
+  std::filesystem::path data;   ///< meshes, photographs (see CONTRIBUTING.md)
+  Run run;
+};
+
+/// One experiment of the table, by its name on the command line.
+struct Experiment {
+  const char* name;
+  const char* what;  ///< one line for people
+  std::function<Result<std::vector<Row>>(const Context&)> measure;
+};
+
+/// All of them in the table's order. Each source of rows adds its own.
+[[nodiscard]] std::vector<Experiment> experiments();
+
+/// Light maps of mirrors: sphere, bunny, block with pits, sharp and thin shapes (mirror_rows.cc).
+void add_mirror_rows(std::vector<Experiment>& list);
+
+}  // namespace alhazen::experiment
