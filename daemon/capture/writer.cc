@@ -169,7 +169,8 @@ Status Writer::handle(StackEnd /*end*/) {
     if (lane.decoder && lane.decoder->complete()) complete.push_back(&lane);  // others are gaps
   std::vector<std::optional<Result<LightMap>>> maps(complete.size());
   tbb::parallel_for(std::size_t{0}, complete.size(), [&](std::size_t i) {
-    maps[i].emplace(std::move(*complete[i]->decoder).finish());
+    Result<LightMap> map = std::move(*complete[i]->decoder).finish();
+    maps[i].emplace(map ? Result<LightMap>(cropped(*map)) : std::move(map));
   });
   for (std::size_t i = 0; i < complete.size(); ++i) {
     const auto map = std::make_shared<const LightMap>(ALHAZEN_TRY(std::move(*maps[i])));

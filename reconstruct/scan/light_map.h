@@ -113,4 +113,8 @@ struct LightMap {
   }
 };
 
+/// The part of a map that holds every label but none, at least one pixel: a mirror shows a display
+/// in a small part of the picture, and the rest says nothing.
+[[nodiscard]] LightMap cropped(const LightMap& map);
+
 }  // namespace alhazen

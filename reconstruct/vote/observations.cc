@@ -129,10 +129,16 @@ std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label
   return result;
 }
 
-/// Median over the map's mirror pixels; every 7th will do.
-float median_sigma(const PixelList<Imath::half>& sigma_px, const std::vector<Label>& labels) {
+/// Median over the mirror pixels in `box`; every 7th will do. Counted from the box, so that it does
+/// not matter how much around it was kept.
+float median_sigma(const LightMap& map, const PixelList<Imath::half>& sigma_px,
+                   const std::vector<Label>& labels, const Region& box) {
   std::vector<float> list;
-  for (std::size_t i = 0; i < labels.size(); i += 7) {
+  for (std::size_t k = 0; k < area(box); k += 7) {
+    const int x = box.x + static_cast<int>(k % static_cast<std::size_t>(box.width));
+    const int y = box.y + static_cast<int>(k / static_cast<std::size_t>(box.width));
+    const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.region.width) +
+                   static_cast<std::size_t>(x);
     const float sigma = sigma_px[i];
     if (labels[i] == Label::mirror && std::isfinite(sigma)) list.push_back(sigma);
   }
@@ -284,8 +290,8 @@ Status Observations::add(const LightMap& map) {
     const auto jump_v_px =
         static_cast<float>(options_.jump_rad * away_mm / seen.v_object_mm.norm());
     if (has_sigma) {
-      positions.sigma_u_px = median_sigma(map.sigma_u_px, labels);
-      positions.sigma_v_px = median_sigma(map.sigma_v_px, labels);
+      positions.sigma_u_px = median_sigma(map, map.sigma_u_px, labels, box);
+      positions.sigma_v_px = median_sigma(map, map.sigma_v_px, labels, box);
     }
     const float gain = smooth_positions(positions, jump_u_px, jump_v_px);
     seen.uv_px = std::move(positions.uv_px);

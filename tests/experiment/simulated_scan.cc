@@ -109,7 +109,7 @@ Status take(sim::World& world, Scan& scan, const Run& run) {
       }
       for (const Status& outcome : outcomes) ALHAZEN_TRY(outcome);
       for (Decoder& decoder : decoders) {
-        ALHAZEN_TRY(scan.commit(ALHAZEN_TRY(std::move(decoder).finish()), {}));
+        ALHAZEN_TRY(scan.commit(cropped(ALHAZEN_TRY(std::move(decoder).finish())), {}));
       }
       now =
           world.show(index, ALHAZEN_TRY(draw(Pattern{}, display.width_px, display.height_px)), now);

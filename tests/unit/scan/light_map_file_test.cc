@@ -59,6 +59,39 @@ TEST_F(LightMapFile, ComesBackAsItWas) {
   EXPECT_TRUE(same(*read_light_map(file_), map));
 }
 
+TEST(LightMap, IsCroppedToWhatItSays) {
+  LightMap map;
+  map.key = kKey;
+  map.angle_rad = 0.25;
+  map.region = {10, 20, 7, 5};
+  map.resize_lists();
+  for (std::size_t i = 0; i < map.size_px(); ++i) {
+    map.label[i] = Label::none;
+    map.u_px[i] = static_cast<float>(i);
+    map.bit_v[i] = static_cast<std::uint8_t>(i);
+  }
+  const LightMap nothing = cropped(map);
+  EXPECT_EQ(nothing.region, (Region{10, 20, 1, 1}));
+  EXPECT_EQ(nothing.label[0], Label::none);
+
+  map.label[1 * 7 + 4] = Label::mixed;
+  map.label[3 * 7 + 2] = Label::mirror;
+  const LightMap some = cropped(map);
+  EXPECT_EQ(some.key, kKey);
+  EXPECT_EQ(some.angle_rad, 0.25);
+  EXPECT_EQ(some.region, (Region{12, 21, 3, 3}));
+  ASSERT_TRUE(some.has_whole_lists());
+  for (int y = 0; y < 3; ++y) {
+    for (int x = 0; x < 3; ++x) {
+      const auto to = static_cast<std::size_t>(3 * y + x);
+      const auto from = static_cast<std::size_t>(7 * (y + 1) + x + 2);
+      EXPECT_EQ(some.u_px[to], map.u_px[from]);
+      EXPECT_EQ(some.bit_v[to], map.bit_v[from]);
+      EXPECT_EQ(some.label[to], map.label[from]);
+    }
+  }
+}
+
 TEST_F(LightMapFile, AnyBeginningOfItIsCorrupt) {
   const std::string bytes = bytes_of(small_light_map(kKey));
   for (std::size_t size = 0; size < bytes.size(); ++size) {
