@@ -34,7 +34,7 @@ constexpr int kCoarserLevels = 2;
 constexpr int kDepthLeaves = 1;
 /// A vertex is called measured where it lies within so many standard deviations of the nearest
 /// measured leaf's depth, or so much of a leaf's edge, and its normal so near to that leaf's.
-constexpr double kObservedSigmas = 3, kObservedEdges = 0.1, kMaxTurnRad = 0.3;
+constexpr double kObservedSigmas = 3, kObservedEdges = 0.025, kMaxTurnRad = 0.3;
 
 /// Adds the time of a scope to the stage's.
 class Stopwatch {
