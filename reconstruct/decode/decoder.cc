@@ -134,7 +134,8 @@ struct Decoder::State {
   void fold_periods();
   template <class Dn, class Kernel>
   void fold_period_as(const Period& period, const Kernel& kernel);
-  /// Takes the positions from mixed pixels, and from those that no phase has sharpened.
+  /// Takes the positions from mixed pixels, from those that no phase has sharpened, and from those
+  /// beyond the display.
   void drop_unsharpened();
   [[nodiscard]] std::size_t tile_bytes() const noexcept { return tile_planes * kPlaneBytes; }
   [[nodiscard]] std::uint8_t* planes_of(std::size_t tile) {
@@ -477,9 +478,14 @@ void Decoder::State::drop_unsharpened() {
                       : std::numeric_limits<float>::infinity();
   };
   const float most_u = most(Axis::u, final_rule.u), most_v = most(Axis::v, final_rule.v);
+  // What lies beyond the display's edge is a pixel that sees the edge: no whole period is in it.
+  const auto is_within = [](float position_px, const decode::AxisBits& axis_bits) {
+    return position_px >= -0.5F && position_px <= static_cast<float>(axis_bits.last_px) + 0.5F;
+  };
   for (std::size_t i = 0; i < map.size_px(); ++i) {
     if (map.label[i] == Label::mirror &&
-        !(map.sigma_u_px[i] <= most_u && map.sigma_v_px[i] <= most_v)) {
+        !(map.sigma_u_px[i] <= most_u && map.sigma_v_px[i] <= most_v &&
+          is_within(map.u_px[i], final_rule.u) && is_within(map.v_px[i], final_rule.v))) {
       map.label[i] = Label::mixed;
     }
     if (map.label[i] == Label::mirror) continue;

@@ -62,23 +62,28 @@ TEST(Decoder, EveryDisplayDecodesItself) {
   }
 }
 
+constexpr int kWidth_px = 1280;
+
 /// Share of [x − F/2, x + F/2] where the pattern is white, by integrating it display pixel by
 /// display pixel: an independent model of a camera's pixel.
 double share_of_white(const Pattern& pattern, double centre_px, double width_px) {
-  if (pattern.kind == PatternKind::white) return 1;
   if (pattern.kind == PatternKind::black) return 0;
   const double begin = centre_px - width_px / 2, end = centre_px + width_px / 2;
   double white = 0;
   for (auto u = static_cast<int>(std::floor(begin + 0.5)); u - 0.5 < end; ++u) {
     const double part = std::min(end, u + 0.5) - std::max(begin, u - 0.5);
+    if (u < 0 || u >= kWidth_px) continue;  // nothing shines beside the display
+    if (pattern.kind == PatternKind::white) {
+      white += part;
+      continue;
+    }
     if (pattern.kind == PatternKind::phase) {
       white += part * (0.5 + 0.5 * std::cos(2 * std::numbers::pi *
                                             (static_cast<double>(u) / pattern.period_px -
                                              static_cast<double>(pattern.step) / pattern.steps)));
       continue;
     }
-    const bool one =
-        ((gray_from_binary(static_cast<std::uint32_t>(std::max(u, 0))) >> pattern.bit) & 1U) != 0;
+    const bool one = ((gray_from_binary(static_cast<std::uint32_t>(u)) >> pattern.bit) & 1U) != 0;
     if (one != pattern.inverted) white += part;
   }
   return white / width_px;
@@ -93,7 +98,6 @@ struct Seen {
 /// Decodes pixels that see these places; v is the same for all.
 LightMap decode_seen(const std::vector<Seen>& pixels, double noise_dn, DecodeOptions options = {},
                      int bits = 8, int lowest_bit = 0, Coding coding = Coding::gray) {
-  constexpr int kWidth_px = 1280;
   const double full_scale = (1 << bits) - 1;
   std::vector<Pattern> sequence = *make_sequence(coding, kWidth_px, 2);
   std::erase_if(sequence, [&](const Pattern& pattern) {
@@ -292,6 +296,22 @@ TEST(Decoder, WiderThanEveryPeriodIsNoPosition) {
     ASSERT_TRUE(std::isnan(map.u_px[i]) && std::isnan(map.v_px[i]));
     ASSERT_TRUE(std::isnan(float{map.sigma_u_px[i]}) && std::isnan(float{map.sigma_v_px[i]}));
   }
+}
+
+TEST(Decoder, TheEdgeOfADisplayIsNotBeyondIt) {
+  // Pixels that see the display's edge, and nothing beside it.
+  std::vector<Seen> pixels;
+  for (double u = -40; u < 40; u += 0.1) pixels.push_back({u, 60});
+  for (double u = 1240; u < 1320; u += 0.1) pixels.push_back({u, 60});
+  const LightMap map = decode_seen(pixels, 0.7, {}, 8, 0, Coding::gray_phase);
+  std::size_t positions = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    if (!map.is_position(i)) continue;
+    ++positions;
+    ASSERT_GE(map.u_px[i], -0.5F);
+    ASSERT_LE(map.u_px[i], 1279.5F);
+  }
+  EXPECT_GT(positions, pixels.size() / 4);
 }
 
 TEST(Decoder, TwoPlacesInThePhasesAreMixed) {

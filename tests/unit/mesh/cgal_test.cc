@@ -29,10 +29,9 @@ Surface surface_of(const Mesh& mesh) {
     vertices.push_back(surface.add_vertex({p.x(), p.y(), p.z()}));
   }
   for (const auto& triangle : mesh.triangles) {
-    const auto face =
-        surface.add_face(vertices[static_cast<std::size_t>(triangle[0])],
-                         vertices[static_cast<std::size_t>(triangle[1])],
-                         vertices[static_cast<std::size_t>(triangle[2])]);
+    const auto face = surface.add_face(vertices[static_cast<std::size_t>(triangle[0])],
+                                       vertices[static_cast<std::size_t>(triangle[1])],
+                                       vertices[static_cast<std::size_t>(triangle[2])]);
     EXPECT_NE(face, Surface::null_face());
   }
   return surface;
@@ -82,8 +81,8 @@ TEST(Cgal, FindsMeshesClosedOutwardAndFreeOfSelfIntersections) {
       std::normal_distribution<double> noise(0, 1);
       std::vector<float> value(octree.size());
       for (std::size_t i = 0; i < octree.size(); ++i) {
-        value[i] = static_cast<float>(shape.distance(octree.centre_mm(i)) +
-                                      noise_mm * noise(random));
+        value[i] =
+            static_cast<float>(shape.distance(octree.centre_mm(i)) + noise_mm * noise(random));
       }
       CleanOptions options;
       options.min_edge_mm = 0.05;
