@@ -105,6 +105,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, alhazen::Octree::kMaxLevel));
   run_command->add_option("--reference", whole.reference, "the true surface: errors in the report");
   run_command->add_option("--out", whole.out, "folder for the results; the scan directory if none");
+  run_command->add_flag("--field", whole.has_field,
+                        "also field.vtu: normals, consistency and cut of every leaf, for ParaView");
   run_command->callback([&] { work = [&](const Run& r) { return run_reconstruction(whole, r); }; });
 
   alhazen::ReportArgs report;
@@ -116,6 +118,7 @@ int main(int argc, char** argv) {
                              "the true surface: errors in the report");
   report_command->add_option("--out", report.out, "folder for the report; SCAN if none");
   report_command->callback([&] { work = [&](const Run& r) { return report_again(report, r); }; });
+
   alhazen::DecodeArgs decode;
   auto* decode_command = app.add_subcommand(
       "decode",
@@ -150,6 +153,76 @@ int main(int argc, char** argv) {
       ->add_option("--max-bit", decode.options.max_bit, "coarsest bit that is still a position")
       ->capture_default_str();
   decode_command->callback([&] { work = [&](const Run& r) { return decode_frames(decode, r); }; });
+
+  const auto add_rig_options = [](CLI::App* command, alhazen::RigArgs& rig) {
+    command->add_option("--rig", rig.rig, "rig.json")->required();
+    command
+        ->add_option(
+            "--cameras", rig.cameras,
+            "camera file for what rig.json leaves out of its cameras; may be given several times:\n"
+            "[NAME=]FILE[#SUFFIX] of OpenCV (YAML, XML, JSON), or a folder with COLMAP's "
+            "cameras.txt\n"
+            "and images.txt, whose world is the rig frame")
+        ->allow_extra_args(false);
+    command
+        ->add_option("--camera-unit-mm", rig.camera_unit_mm,
+                     "unit of length of the camera files: 1000 where they are in metres")
+        ->capture_default_str();
+  };
+  alhazen::ImportArgs import_args;
+  auto* import_command = app.add_subcommand(
+      "import",
+      "a whole scan directory of pictures that other software took, as listed in a table\n"
+      "(see decode); then: alhazen-reconstruct run SCAN. An import that was interrupted is\n"
+      "gone on with. Prints one JSON object.");
+  add_rig_options(import_command, import_args.rig);
+  import_command->add_option("--frames", import_args.frames, "the table; files are relative to it")
+      ->required();
+  import_command->add_option("--out", import_args.out, "the scan directory")->required();
+  import_command->add_option("--scan-id", import_args.scan_id,
+                             "a-z 0-9 -; the directory's name if none");
+  import_command->add_option("--object", import_args.object_id, "what was scanned");
+  import_command->add_option("--note", import_args.note, "for the report");
+  import_command
+      ->add_option("--volume-centre-mm", import_args.volume_centre_mm,
+                   "x y z of the middle of the cube that is reconstructed, object frame")
+      ->expected(3)
+      ->capture_default_str();
+  import_command->add_option("--volume-edge-mm", import_args.volume_edge_mm, "its edge")
+      ->capture_default_str();
+  import_command
+      ->add_option("--level", import_args.level, "finest octree level: leaves of edge / 2^level")
+      ->check(CLI::Range(1, alhazen::Octree::kMaxLevel))
+      ->capture_default_str();
+  import_command->add_option("--bits", import_args.bits,
+                             "significant bits of a pixel, 8 to 16; 0: all that the file has");
+  import_command->add_flag("--leave-out-bad", import_args.leaves_out_bad,
+                           "go on without what cannot be decoded, and name it");
+  import_command
+      ->add_option("--min-contrast", import_args.decode.min_contrast,
+                   "smallest white - black, share of full scale")
+      ->capture_default_str();
+  import_command->callback(
+      [&] { work = [&](const Run& r) { return import_frames(import_args, r); }; });
+
+  alhazen::ConvertRigArgs convert;
+  auto* rig_command = app.add_subcommand(
+      "rig", "check a rig.json, put camera files into it, write it as JSON or as COLMAP text");
+  add_rig_options(rig_command, convert.rig);
+  rig_command->add_option("--out", convert.out, "NAME.json, else a folder for COLMAP's files")
+      ->required();
+  rig_command->callback([&] { work = [&](const Run& r) { return convert_rig(convert, r); }; });
+
+  alhazen::ExportArgs exported;
+  auto* export_command = app.add_subcommand(
+      "export", "for other software: the mesh as OBJ, every view as COLMAP text");
+  export_command->add_option("SCAN", exported.scan, "scan directory")->required();
+  export_command->add_option("--out", exported.out, "folder; SCAN/export if none");
+  export_command->add_option("--format", exported.formats, "obj, stl or ply; may be given twice")
+      ->check(CLI::IsMember({"obj", "stl", "ply"}))
+      ->allow_extra_args(false)
+      ->capture_default_str();
+  export_command->callback([&] { work = [&](const Run& r) { return export_scan(exported, r); }; });
 
   alhazen::CompareArgs compare;
   auto* compare_command =

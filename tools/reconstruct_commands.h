@@ -7,6 +7,7 @@
 
 #include "alhazen/result.h"
 #include "reconstruct/decode/decoder.h"
+#include "reconstruct/geometry/rig.h"
 #include "reconstruct/run.h"
 
 namespace alhazen {
@@ -28,6 +29,7 @@ struct RunArgs {
   std::optional<int> level;         ///< instead of the scan's
   std::filesystem::path reference;  ///< empty where there is none
   std::filesystem::path out;        ///< empty: into the scan directory
+  bool has_field = false;           ///< writes field.vtu, too
 };
 Status run_reconstruction(const RunArgs& args, const Run& run);
 
@@ -38,6 +40,7 @@ struct ReportArgs {
   std::filesystem::path out;        ///< empty: into the scan directory
 };
 Status report_again(const ReportArgs& args, const Run& run);
+
 /// alhazen-reconstruct decode
 struct DecodeArgs {
   std::filesystem::path frames;            ///< frames.csv; its pictures lie relative to it
@@ -58,5 +61,45 @@ struct CompareArgs {
   bool as_json = false;
 };
 Status compare_meshes(const CompareArgs& args, const Run& run);
+
+/// A rig.json, and camera files of other software for what it leaves out.
+struct RigArgs {
+  std::filesystem::path rig;
+  std::vector<std::string> cameras;  ///< as read_cameras() takes them
+  double camera_unit_mm = 1;         ///< unit of length of the camera files
+};
+/// Fails: as Rig::load(), read_cameras() and rig_with_cameras().
+Result<Rig> load_rig(const RigArgs& args);
+
+/// alhazen-reconstruct import
+struct ImportArgs {
+  RigArgs rig;
+  std::filesystem::path frames;  ///< frames.csv; its pictures lie relative to it
+  std::filesystem::path out;     ///< the scan directory
+  std::string scan_id, object_id, note;
+  std::vector<double> volume_centre_mm{0, 0, 51.2};  ///< three
+  double volume_edge_mm = 102.4;
+  int level = 8;
+  int bits = 0;  ///< significant bits of a pixel, 0: the file's
+  bool leaves_out_bad = false;
+  DecodeOptions decode;
+};
+/// Prints one JSON object.
+Status import_frames(const ImportArgs& args, const Run& run);
+
+/// alhazen-reconstruct rig
+struct ConvertRigArgs {
+  RigArgs rig;
+  std::filesystem::path out;  ///< NAME.json, else a folder for COLMAP's text files
+};
+Status convert_rig(const ConvertRigArgs& args, const Run& run);
+
+/// alhazen-reconstruct export
+struct ExportArgs {
+  std::filesystem::path scan;
+  std::filesystem::path out;                ///< empty: SCAN/export
+  std::vector<std::string> formats{"obj"};  ///< of the mesh
+};
+Status export_scan(const ExportArgs& args, const Run& run);
 
 }  // namespace alhazen

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "reconstruct/decode/decoder.h"
+#include "reconstruct/exchange/import.h"
 #include "reconstruct/geometry/rig.h"
 #include "reconstruct/pattern/sequence.h"
 #include "reconstruct/scan/frame_table.h"
-#include "reconstruct/scan/image_file.h"
 #include "reconstruct/scan/light_map_file.h"
 #include "reconstruct/scan/safe_file.h"
 #include "tools/reconstruct_commands.h"
@@ -63,43 +63,17 @@ DisplaySize size_of(const TableStack& stack, const std::map<std::string, Display
   return size;
 }
 
-Status check_against(const Rig& rig, const TableStack& stack, const Region& region) {
-  const CameraModel* camera = rig.camera(stack.key.camera);
-  if (camera == nullptr || rig.display(stack.key.display) == nullptr) {
+/// The rig's model of the stack's camera, where there is a rig.
+Result<const CameraModel*> camera_of(const std::optional<Rig>& rig, const TableStack& stack) {
+  if (!rig) return static_cast<const CameraModel*>(nullptr);
+  const CameraModel* camera = rig->camera(stack.key.camera);
+  if (camera == nullptr || rig->display(stack.key.display) == nullptr) {
     return Error{Code::invalid, "the rig has no " +
                                     (camera == nullptr ? "camera '" + stack.key.camera
                                                        : "display '" + stack.key.display) +
                                     "'"};
   }
-  if (camera->width_px != region.width || camera->height_px != region.height) {
-    return Error{Code::invalid, "frames of " + std::to_string(region.width) + " x " +
-                                    std::to_string(region.height) + " px; camera '" +
-                                    stack.key.camera + "' has " + std::to_string(camera->width_px) +
-                                    " x " + std::to_string(camera->height_px) + " px"};
-  }
-  return {};
-}
-
-Result<LightMap> decode_stack(const DecodeArgs& args, const TableStack& stack, DisplaySize display,
-                              const std::optional<Rig>& rig, const Run& run) {
-  std::vector<Pattern> sequence;
-  for (const TableFrame& frame : stack.frames) sequence.push_back(frame.pattern);
-  std::optional<Decoder> decoder;
-  for (const TableFrame& frame : stack.frames) {
-    if (run.stopped()) return Error{Code::cancelled, "decoding was interrupted"};
-    const std::string line = "line " + std::to_string(frame.line);
-    const Image image =
-        ALHAZEN_TRY(read_image(args.frames.parent_path() / frame.file, args.bits).in(line));
-    if (!decoder) {
-      const Region region{0, 0, image.width(), image.height()};
-      if (rig) ALHAZEN_TRY(check_against(*rig, stack, region));
-      decoder =
-          ALHAZEN_TRY(Decoder::make(args.options, stack.key, stack.angle_rad, region, image.bits(),
-                                    display.width_px, display.height_px, sequence));
-    }
-    ALHAZEN_TRY(decoder->add(frame.pattern, image).in(line));
-  }
-  return std::move(*decoder).finish();
+  return camera;
 }
 
 void print(const LightMap& map, DisplaySize display, const std::filesystem::path& file) {
@@ -153,7 +127,11 @@ Status decode_frames(const DecodeArgs& args, const Run& run) {
     const std::string where = table + ", stop " + std::to_string(stack.key.stop) + ", display " +
                               stack.key.display + ", camera " + stack.key.camera;
     const DisplaySize display = size_of(stack, sizes, rig);
-    const LightMap map = ALHAZEN_TRY(decode_stack(args, stack, display, rig, run).in(where));
+    const CameraModel* camera = ALHAZEN_TRY(camera_of(rig, stack).in(where));
+    const LightMap map =
+        ALHAZEN_TRY(decode_stack(stack, {args.frames.parent_path(), args.bits, args.options},
+                                 display.width_px, display.height_px, camera, nullptr, run)
+                        .in(where));
     const std::filesystem::path file = args.out / light_map_name(stack.key);
     ALHAZEN_TRY(write_light_map(map, file));
     print(map, display, file);

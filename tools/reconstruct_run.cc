@@ -1,5 +1,6 @@
 #include <cstdio>
 
+#include "reconstruct/exchange/vtu.h"
 #include "reconstruct/mesh_io/mesh_file.h"
 #include "reconstruct/reconstruct.h"
 #include "reconstruct/report/report.h"
@@ -46,6 +47,10 @@ Status run_reconstruction(const RunArgs& args, const Run& run) {
   made.times.insert(made.times.begin(), loaded);
 
   ALHAZEN_TRY(write_mesh(made.mesh, out / "mesh.ply"));
+  if (args.has_field) {
+    ALHAZEN_TRY(
+        write_vtu(made.octree, made.field, made.divergence, made.indicator, out / "field.vtu"));
+  }
   Report report = ALHAZEN_TRY(
       make_report(scan, made, ALHAZEN_TRY(captured(scan)), reference ? &*reference : nullptr, run));
   report.reference = args.reference.filename().string();
@@ -55,6 +60,7 @@ Status run_reconstruction(const RunArgs& args, const Run& run) {
     std::printf("  %-24s %8.2f s CPU %8.2f s\n", time.stage.c_str(), time.cpu_s, time.wall_s);
   std::printf("mesh        %s\nreport      %s\n", (out / "mesh.ply").c_str(),
               (out / "report.html").c_str());
+  if (args.has_field) std::printf("field       %s\n", (out / "field.vtu").c_str());
   return {};
 }
 
