@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "reconstruct/diagnose.h"
 #include "reconstruct/mesh/clean.h"
 #include "reconstruct/mesh/contour.h"
 #include "reconstruct/surface/divergence.h"
@@ -396,11 +397,24 @@ Result<Mesh> Reconstruction::preview(const Run& run) {
 
 Result<Reconstructed> Reconstruction::finish(const Run& run) {
   Result<Reconstructed> made = make_all(run);
-  // That nothing agrees, which a preview may wait for to change, is the plan's fault now.
-  if (!made && made.error().code == Code::conflict) {
-    made.error().code = Code::invalid;
-    made.error().what += "; take more stops, cameras or displays, or another volume";
+  if (!made && made.error().code != Code::conflict) return made;
+  std::vector<StageTime> times;
+  std::vector<std::string> faults;
+  if (state_->observations.size() > 0) {
+    const Stopwatch watch(times, "diagnose");
+    faults = ALHAZEN_TRY(diagnose(state_->observations, state_->options.vote, state_->volume,
+                                  made ? &made->mesh : nullptr, run));
   }
+  if (made) {
+    made->times.insert(made->times.end(), times.begin(), times.end());
+    made->warnings = std::move(faults);
+    return made;
+  }
+  // That nothing agrees, which a preview may wait for to change, is the plan's fault now.
+  Error& error = made.error();
+  error.code = Code::invalid;
+  error.what += "; take more stops, cameras or displays, or another volume";
+  for (const std::string& fault : faults) error.what += "; " + fault;
   return made;
 }
 

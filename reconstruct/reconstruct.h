@@ -24,7 +24,7 @@ struct Reconstructed {
   std::vector<float> divergence;  ///< div(cN) per leaf, 1/mm: positive just inside the surface
   Indicator indicator;
   std::vector<StageTime> times;
-  std::vector<std::string> warnings;
+  std::vector<std::string> warnings;  ///< what is wrong with rig or light maps: diagnose()
   std::size_t light_maps = 0;
   std::uint64_t hypotheses = 0;  ///< evaluated in all
 };

@@ -188,7 +188,7 @@ Result<std::shared_ptr<const json>> write_results(const Scan& scan, Reconstructe
                  {"triangles", report.mesh.triangles},
                  {"observed_share", report.mesh.observed_share},
                  {"light_maps", made.light_maps},
-                 {"warnings", made.warnings}});
+                 {"warnings", report.reconstruction.warnings}});
 }
 
 Result<std::shared_ptr<const json>> reconstruct_while_scanning(ScanWork& work, EventQueue& events,

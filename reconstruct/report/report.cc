@@ -14,6 +14,7 @@
 #include "reconstruct/report/page.h"
 #include "reconstruct/scan/json_fields.h"
 #include "reconstruct/scan/safe_file.h"
+#include "reconstruct/scan/shortcomings.h"
 
 namespace alhazen {
 namespace {
@@ -412,7 +413,8 @@ Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
   r.cut_energy = reconstructed.indicator.energy;
   r.cut_gap = reconstructed.indicator.gap;
   r.times = reconstructed.times;
-  r.warnings = reconstructed.warnings;
+  r.warnings = shortcomings(scan, ALHAZEN_TRY(scan.light_maps()));
+  r.warnings.insert(r.warnings.end(), reconstructed.warnings.begin(), reconstructed.warnings.end());
   report.mesh = mesh_figures(reconstructed.mesh);
   report.slice = middle_slice(reconstructed);
   if (reference != nullptr)

@@ -148,6 +148,23 @@ float median_sigma(const LightMap& map, const PixelList<Imath::half>& sigma_px,
   return *middle;
 }
 
+/// Puts an observation where the rig has its camera and display. REQUIRES: the rig has both.
+void place(const Rig& rig, Observation& seen) {
+  seen.camera = index_of(rig.cameras, seen.key.camera);
+  const DisplayModel& display = rig.displays[index_of(rig.displays, seen.key.display)];
+  if (display.mount == Mount::rig) {
+    const Pose object_from_rig = rig.turntable.rig_from_object(seen.angle_rad).inverse();
+    seen.origin_object_mm = object_from_rig * display.origin_mm;
+    seen.u_object_mm = object_from_rig.rotation * display.u_mm;
+    seen.v_object_mm = object_from_rig.rotation * display.v_mm;
+  } else {
+    seen.origin_object_mm = display.origin_mm;
+    seen.u_object_mm = display.u_mm;
+    seen.v_object_mm = display.v_mm;
+  }
+  seen.inward_object = seen.u_object_mm.cross(seen.v_object_mm).normalized();
+}
+
 }  // namespace
 
 bool Observation::may_see(double x0, double y0, double x1, double y1) const {
@@ -215,32 +232,22 @@ Status Observations::add(const LightMap& map) {
       return invalid("pixel " + std::to_string(i) + " has position (" +
                      std::to_string(map.u_px[i]) + ", " + std::to_string(map.v_px[i]) +
                      "), not on the display of " + std::to_string(display.width_px) + " x " +
-                     std::to_string(display.height_px) + " px");
+                     std::to_string(display.height_px) + " px: is it the rig of this scan, " +
+                     "and are no displays exchanged?");
     }
   }
 
   Observation seen;
   seen.key = map.key;
   seen.angle_rad = map.angle_rad;
-  seen.camera = camera_index;
-  const Pose rig_from_object = rig_.turntable.rig_from_object(map.angle_rad);
-  const Pose object_from_rig = rig_from_object.inverse();
-  if (display.mount == Mount::rig) {
-    seen.origin_object_mm = object_from_rig * display.origin_mm;
-    seen.u_object_mm = object_from_rig.rotation * display.u_mm;
-    seen.v_object_mm = object_from_rig.rotation * display.v_mm;
-  } else {
-    seen.origin_object_mm = display.origin_mm;
-    seen.u_object_mm = display.u_mm;
-    seen.v_object_mm = display.v_mm;
-  }
-  seen.inward_object = seen.u_object_mm.cross(seen.v_object_mm).normalized();
+  place(rig_, seen);
 
   // A position that is the pixel's own line of sight onto the display is no reflection.
   std::vector<Label> labels(map.label.begin(), map.label.end());
-  const Pose camera_from_mount = display.mount == Mount::rig
-                                     ? camera.camera_from_rig
-                                     : camera.camera_from_rig * rig_from_object;
+  const Pose camera_from_mount =
+      display.mount == Mount::rig
+          ? camera.camera_from_rig
+          : camera.camera_from_rig * rig_.turntable.rig_from_object(map.angle_rad);
   const DirectSight direct(camera, display, camera_from_mount, region);
   const bool has_sigma = map.sigma_u_px.size() == count && map.sigma_v_px.size() == count;
   for (int y = 0; y < region.height; ++y) {
@@ -344,11 +351,33 @@ Status Observations::add(const LightMap& map) {
                   [&](const Observation& o) { return o.key == map.key; })) {
     return Error{Code::conflict, name + ": came before"};
   }
-  const auto place = std::lower_bound(
+  const auto at = std::lower_bound(
       observations_.begin(), observations_.end(), seen,
       [&](const Observation& a, const Observation& b) { return order(a) < order(b); });
-  observations_.insert(place, std::move(seen));
+  observations_.insert(at, std::move(seen));
+  make_views();
+  return {};
+}
 
+Status Observations::assume(Rig rig) {
+  for (const Observation& seen : observations_) {
+    const CameraModel* camera = rig.camera(seen.key.camera);
+    const bool has_both = camera != nullptr && rig.display(seen.key.display) != nullptr;
+    const auto is_within = [](const Region& box, const CameraModel& of) {
+      return box.x + box.width <= of.width_px && box.y + box.height <= of.height_px;
+    };
+    if (!has_both || !is_within(seen.box, *camera) || !is_within(seen.sight_box, *camera)) {
+      return Error{Code::invalid, "the light map of display " + seen.key.display + ", camera " +
+                                      seen.key.camera + " does not fit the rig"};
+    }
+  }
+  rig_ = std::move(rig);
+  for (Observation& seen : observations_) place(rig_, seen);
+  make_views();
+  return {};
+}
+
+void Observations::make_views() {
   views_.clear();
   for (std::size_t i = 0; i < observations_.size(); ++i) {
     const Observation& o = observations_[i];
@@ -369,7 +398,6 @@ Status Observations::add(const LightMap& map) {
     view.end = i + 1;
     views_.push_back(view);
   }
-  return {};
 }
 
 std::size_t Observations::bytes() const noexcept {

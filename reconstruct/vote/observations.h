@@ -64,6 +64,12 @@ class Observations {
   /// length, a position that is not finite), conflict (this key came before).
   Status add(const LightMap& map);
 
+  /// The same light maps as if `rig` had taken them: what is asked of a rig that may be wrong.
+  /// Direct sight stays what it was taken for when the maps came. Fails: invalid (it lacks a camera
+  /// or display, or a map is not within its sensor); nothing has
+  ///        changed then.
+  Status assume(Rig rig);
+
   [[nodiscard]] const Rig& rig() const noexcept { return rig_; }
   [[nodiscard]] const std::vector<Observation>& all() const noexcept { return observations_; }
   [[nodiscard]] std::size_t size() const noexcept { return observations_.size(); }
@@ -72,6 +78,8 @@ class Observations {
   [[nodiscard]] std::size_t bytes() const noexcept;
 
  private:
+  void make_views();
+
   Rig rig_;
   VoteOptions options_;
   Eigen::Vector3d centre_object_mm_;
