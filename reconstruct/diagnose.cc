@@ -293,6 +293,7 @@ std::vector<Share> shares_of(const Observations& observations, const VoteOptions
     gatherer.gather(block, votes);
     for (std::size_t k = votes.begin[0]; k < votes.begin[0] + votes.count[0]; ++k) {
       const std::size_t i = votes.observation[k];
+      if (i >= shares.size()) continue;  // a normal map's
       const Vector3d sight = (eyes[i] - point.p_mm).normalized();
       if (sight.dot(point.normal.cast<double>()) < kMinCosine) continue;
       const Eigen::Vector3f n(votes.x[k], votes.y[k], votes.z[k]);

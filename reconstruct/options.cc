@@ -27,6 +27,16 @@ std::string number(double value) {
 
 }  // namespace
 
+Options Options::for_normal_maps() {
+  Options options;
+  options.vote.bandwidth_rad = 0.06;
+  options.vote.min_cosine = 0.15;
+  options.depth.first_cone_rad = 0.3;
+  options.depth.cone_rad = 0.15;
+  options.depth.max_residual_rad = 0.03;
+  return options;
+}
+
 Status Options::is_valid() const {
   const Allowed all[] = {
       {"adapt.start_level", static_cast<double>(adapt.start_level), 4, 8, false, ""},
@@ -41,6 +51,7 @@ Status Options::is_valid() const {
       {"vote.prior_votes", vote.prior_votes, 0, 100, false, ""},
       {"vote.min_cosine", vote.min_cosine, 0, 0.99, false, ""},
       {"vote.jump_rad", vote.jump_rad, 0, 3, true, " rad"},
+      {"vote.normal_jump_rad", vote.normal_jump_rad, 0, 3, true, " rad"},
       {"depth.rounds", static_cast<double>(depth.rounds), 1, 10, false, ""},
       {"depth.first_step_mm", depth.first_step_mm, 0, 10, true, " mm"},
       {"depth.step_mm", depth.step_mm, 0, 10, true, " mm"},

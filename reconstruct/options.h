@@ -30,6 +30,9 @@ struct VoteOptions {
   /// volume's centre, are not interpolated between. rad, range (0, 3]. A mirror of radius R turns
   /// the light by 2·pixel/(R cos θ): 0.15 rad is R = 2 mm seen with 0.15 mm pixels.
   double jump_rad = 0.15;
+  /// Neighbouring pixels of a normal map whose normals differ by more are not interpolated between:
+  /// a crease or another part of the object lies there. rad, range (0, 3].
+  double normal_jump_rad = 0.5;
 };
 
 /// Every tunable of the depth refinement (reconstruct/vote/depth.h).
@@ -96,6 +99,11 @@ struct Options {
   VoteOptions vote;
   DepthOptions depth;
   SurfaceOptions surface;
+  /// For scans of normal maps alone. Votes at a leaf spread with the surface's curvature times the
+  /// leaf's edge, as those of light maps do, but there is no finer information to wait for, so
+  /// bandwidth and cones are wide enough for details of two leaves' radius.
+  /// Source: chosen on armadillo and torus, reconstruct/README.md.
+  [[nodiscard]] static Options for_normal_maps();
   /// Fails: invalid, naming the tunable and its range.
   [[nodiscard]] Status is_valid() const;
 };

@@ -193,8 +193,8 @@ Result<Start> start(const Observations& observations, const Options& options, co
   voted.field = ALHAZEN_TRY(voter.vote(voted.octree, nullptr, vote_steps.next()));
   if (std::all_of(voted.field.consistency.begin(), voted.field.consistency.end(),
                   [](float c) { return c <= 0; })) {
-    return Error{Code::conflict, "no two of the " + std::to_string(observations.size()) +
-                                     " light maps agree on a normal anywhere in the volume: no "
+    return Error{Code::conflict, "no two of the " + std::to_string(observations.map_count()) +
+                                     " maps agree on a normal anywhere in the volume: no "
                                      "surface"};
   }
   ALHAZEN_TRY(remove_rivals(observations, options.vote, voter, options.adapt.min_consistency,
@@ -355,8 +355,13 @@ Status Reconstruction::add(const LightMap& map) {
   return state_->observations.add(map);
 }
 
+Status Reconstruction::add(const NormalMap& map) {
+  const Stopwatch watch(state_->times, "add");
+  return state_->observations.add(map);
+}
+
 Result<Mesh> Reconstruction::preview(const Run& run) {
-  if (state_->observations.size() == 0) {
+  if (state_->observations.map_count() == 0) {
     return Error{Code::conflict, "no light map has come yet"};
   }
   const Stopwatch watch(state_->times, "preview");
@@ -419,15 +424,16 @@ Result<Reconstructed> Reconstruction::finish(const Run& run) {
 }
 
 Result<Reconstructed> Reconstruction::make_all(const Run& run) {
-  if (state_->observations.size() == 0) {
+  if (state_->observations.map_count() == 0) {
     return Error{Code::conflict, "no light map has come: there is nothing to reconstruct"};
   }
   const Options& options = state_->options;
   const AdaptOptions& adapt = options.adapt;
   const Voter voter(state_->observations, options.vote);
-  Reconstructed result{{}, Octree::uniform(state_->volume, 0), {}, {}, {}, {}, {}, 0, 0};
+  Reconstructed result{{}, Octree::uniform(state_->volume, 0), {}, {}, {}, {}, {}, 0, 0, 0};
   result.times = state_->times;
   result.light_maps = state_->observations.size();
+  result.normal_maps = state_->observations.normal_views().size();
   const int start_level = std::min(state_->level, adapt.start_level);
   const int coarsest = std::max(0, start_level - kCoarserLevels);
   const int rounds = (state_->level - start_level + 1) * adapt.adaptions;

@@ -6,6 +6,7 @@
 #include "alhazen/result.h"
 #include "reconstruct/geometry/rig.h"
 #include "reconstruct/mesh_io/mesh.h"
+#include "reconstruct/normals/normal_map.h"
 #include "reconstruct/options.h"
 #include "reconstruct/run.h"
 #include "reconstruct/scan/light_map.h"
@@ -25,7 +26,7 @@ struct Reconstructed {
   Indicator indicator;
   std::vector<StageTime> times;
   std::vector<std::string> warnings;  ///< what is wrong with rig or light maps: diagnose()
-  std::size_t light_maps = 0;
+  std::size_t light_maps = 0, normal_maps = 0;
   std::uint64_t hypotheses = 0;  ///< evaluated in all
 };
 
@@ -48,12 +49,16 @@ class Reconstruction {
   /// wrong
   ///        length), conflict (this key came before).
   Status add(const LightMap& map);
+  /// The same for a normal map: its normals vote beside the light maps' hypotheses, its background
+  /// is free space. Options::for_normal_maps() suits scans that have nothing else.
+  /// Fails: as Observations::add().
+  Status add(const NormalMap& map);
 
-  /// A coarse mesh of what is known so far. Fails: conflict (no light map yet, nothing consistent),
+  /// A coarse mesh of what is known so far. Fails: conflict (no map yet, nothing consistent),
   /// cancelled.
   [[nodiscard]] Result<Mesh> preview(const Run& run);
 
-  /// Fails: invalid (no light map, nothing that agrees: no surface), cancelled, exhausted.
+  /// Fails: invalid (no map, nothing that agrees: no surface), cancelled, exhausted.
   [[nodiscard]] Result<Reconstructed> finish(const Run& run);
 
  private:

@@ -224,6 +224,65 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   export_command->callback([&] { work = [&](const Run& r) { return export_scan(exported, r); }; });
 
+  alhazen::NormalsArgs normals;
+  auto* normals_command = app.add_subcommand(
+      "normals",
+      "normal maps of calibrated views, as listed in a table, to mesh.ply, report.json,\n"
+      "report.html. Columns of the table, named in its first line: file [PNG or EXR] camera\n"
+      "[stop angle_deg axes (camera, opengl, rig) mask noise_deg].");
+  normals_command->add_option("VIEWS", normals.views, "the table; files are relative to it")
+      ->required();
+  normals_command->add_option("--rig", normals.rig, "rig.json: the cameras")->required();
+  normals_command->add_option("--out", normals.out, "folder for the results")->required();
+  normals_command->add_option("--reference", normals.reference,
+                              "the true surface: errors in the report");
+  normals_command
+      ->add_option("--volume-centre-mm", normals.centre_mm, "of the volume, object frame: x y z")
+      ->expected(3);
+  normals_command->add_option("--volume-edge-mm", normals.edge_mm, "of the volume, a cube");
+  normals_command->add_option("--level", normals.level, "finest octree level")
+      ->check(CLI::Range(4, alhazen::Octree::kMaxLevel))
+      ->capture_default_str();
+  normals_command->callback(
+      [&] { work = [&](const Run& r) { return reconstruct_normals(normals, r); }; });
+
+  alhazen::StereoArgs stereo;
+  auto* stereo_command = app.add_subcommand(
+      "stereo",
+      "photometric stereo: pictures of one view, each under one light, to a normal map.\n"
+      "Columns of the table, named in its first line: file x y z [kind (far: a direction to the\n"
+      "light; near: its position, mm) axes (camera, opengl) intensity]. Prints one JSON object.");
+  stereo_command->add_option("LIGHTS", stereo.lights, "the table; pictures are relative to it")
+      ->required();
+  stereo_command->add_option("--out", stereo.out, "the normal map, .exr or .png")->required();
+  stereo_command->add_option("--mask", stereo.mask, "white on the object; all of it if none");
+  auto* ball = stereo_command->add_option(
+      "--mirror-ball", stereo.mirror_ball,
+      "table of pictures of a mirror ball under the same lights in the same order: their\n"
+      "directions come from its highlights instead of the columns x y z");
+  stereo_command->add_option("--mirror-ball-mask", stereo.mirror_ball_mask, "white on the ball")
+      ->needs(ball);
+  stereo_command->add_option("--rig", stereo.rig, "rig.json, where lights are near");
+  stereo_command->add_option("--camera", stereo.camera, "its name in the rig");
+  stereo_command->add_option("--depth-mm", stereo.depth_mm,
+                             "distance of the surface along the camera's axis, where lights are "
+                             "near");
+  stereo_command->add_option("--gamma", stereo.gamma, "pictures hold intensity^(1/gamma)")
+      ->check(CLI::Range(0.2, 5.0))
+      ->capture_default_str();
+  stereo_command
+      ->add_option("--rounds", stereo.options.rounds,
+                   "of Tukey's reweighting; 0: plain least squares")
+      ->capture_default_str();
+  stereo_command
+      ->add_option("--dark", stereo.options.dark_share,
+                   "share of a pixel's brightest below which it is in shadow")
+      ->capture_default_str();
+  stereo_command
+      ->add_option("--bright", stereo.options.bright_share, "share of its lights left out as gloss")
+      ->capture_default_str();
+  stereo_command->callback([&] { work = [&](const Run& r) { return stereo_normals(stereo, r); }; });
+
   alhazen::CompareArgs compare;
   auto* compare_command =
       app.add_subcommand("compare", "measure a mesh against the truth (no alignment)");

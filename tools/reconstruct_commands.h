@@ -8,6 +8,7 @@
 #include "alhazen/result.h"
 #include "reconstruct/decode/decoder.h"
 #include "reconstruct/geometry/rig.h"
+#include "reconstruct/normals/photometric_stereo.h"
 #include "reconstruct/run.h"
 
 namespace alhazen {
@@ -52,6 +53,34 @@ struct DecodeArgs {
 };
 /// Prints one JSON object a light map.
 Status decode_frames(const DecodeArgs& args, const Run& run);
+
+/// alhazen-reconstruct normals
+struct NormalsArgs {
+  std::filesystem::path views;  ///< VIEWS.csv; its files lie relative to it
+  std::filesystem::path rig;
+  std::filesystem::path out;
+  std::filesystem::path reference;  ///< empty where there is none
+  std::vector<double> centre_mm;    ///< of the volume: none or three
+  std::optional<double> edge_mm;    ///< of the volume
+  int level = 8;
+};
+Status reconstruct_normals(const NormalsArgs& args, const Run& run);
+
+/// alhazen-reconstruct stereo
+struct StereoArgs {
+  std::filesystem::path lights;  ///< LIGHTS.csv; its pictures lie relative to it
+  std::filesystem::path mask;    ///< empty: every pixel is the object's
+  std::filesystem::path out;     ///< normal map, .exr or .png
+  std::filesystem::path mirror_ball, mirror_ball_mask;  ///< table of the ball's pictures
+  std::filesystem::path rig;                            ///< of the camera, where lights are near
+  std::string camera;
+  std::optional<double>
+      depth_mm;      ///< of the surface along the camera's axis, where lights are near
+  double gamma = 1;  ///< pictures hold intensity^(1/gamma)
+  StereoOptions options;
+};
+/// Prints one JSON object.
+Status stereo_normals(const StereoArgs& args, const Run& run);
 
 /// alhazen-reconstruct compare
 struct CompareArgs {

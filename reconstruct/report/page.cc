@@ -423,6 +423,7 @@ std::string provenance(const Report& report) {
   out += "</table>\n<table>";
   out += line("frames · taken again", whole(c.frames) + " · " + whole(c.retakes));
   out += line("light maps", whole(p.light_maps) + " of " + whole(p.light_maps_planned));
+  if (p.normal_maps > 0) out += line("normal maps", whole(p.normal_maps));
   out += line("duration of the capture", seconds(c.duration_s));
   out += line("scan directory", bytes(c.bytes));
   out += line("volume · leaves", fixed(r.volume.edge_mm, 1) + " mm, level " +

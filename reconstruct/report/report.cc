@@ -63,7 +63,8 @@ Json json_of(const Provenance& p) {
           {"displays", p.displays},
           {"stops", p.stops},
           {"light_maps", p.light_maps},
-          {"light_maps_planned", p.light_maps_planned}};
+          {"light_maps_planned", p.light_maps_planned},
+          {"normal_maps", p.normal_maps}};
 }
 
 Json json_of(const CaptureFigures& c) {
@@ -182,6 +183,7 @@ Result<Provenance> provenance_in(JsonFields fields) {
   p.stops = ALHAZEN_TRY(count_in(fields, "stops"));
   p.light_maps = ALHAZEN_TRY(count_in(fields, "light_maps"));
   p.light_maps_planned = ALHAZEN_TRY(count_in(fields, "light_maps_planned"));
+  p.normal_maps = ALHAZEN_TRY(count_in(fields, "normal_maps"));
   ALHAZEN_TRY(fields.all_known());
   return p;
 }
@@ -400,8 +402,19 @@ MeshFigures mesh_figures(const Mesh& mesh) {
 
 Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
                            CaptureFigures capture, const Mesh* reference, const Run& run) {
+  Report report = ALHAZEN_TRY(make_report(provenance_of(scan, reconstructed.light_maps),
+                                          reconstructed, std::move(capture), reference, run));
+  std::vector<std::string> lacking = shortcomings(scan, ALHAZEN_TRY(scan.light_maps()));
+  std::vector<std::string>& warnings = report.reconstruction.warnings;
+  warnings.insert(warnings.begin(), lacking.begin(), lacking.end());
+  return report;
+}
+
+Result<Report> make_report(Provenance provenance, const Reconstructed& reconstructed,
+                           CaptureFigures capture, const Mesh* reference, const Run& run) {
   Report report;
-  report.provenance = provenance_of(scan, reconstructed.light_maps);
+  report.provenance = std::move(provenance);
+  report.provenance.normal_maps = reconstructed.normal_maps;
   report.capture = std::move(capture);
   ReconstructionFigures& r = report.reconstruction;
   r.volume = reconstructed.octree.volume();
@@ -413,8 +426,7 @@ Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
   r.cut_energy = reconstructed.indicator.energy;
   r.cut_gap = reconstructed.indicator.gap;
   r.times = reconstructed.times;
-  r.warnings = shortcomings(scan, ALHAZEN_TRY(scan.light_maps()));
-  r.warnings.insert(r.warnings.end(), reconstructed.warnings.begin(), reconstructed.warnings.end());
+  r.warnings = reconstructed.warnings;
   report.mesh = mesh_figures(reconstructed.mesh);
   report.slice = middle_slice(reconstructed);
   if (reference != nullptr)
@@ -443,10 +455,17 @@ std::string Report::brief() const {
   text += printed("mesh        %zu vertices, %zu triangles, %s, %.1f %% of the area observed\n",
                   mesh.vertices, mesh.triangles, mesh.check.closed() ? "closed" : "NOT CLOSED",
                   100 * mesh.observed_share);
-  text += printed("from        %zu of %zu light maps, %llu frames, %llu retakes, voxels %.3f mm\n",
-                  provenance.light_maps, provenance.light_maps_planned,
-                  static_cast<unsigned long long>(capture.frames),
-                  static_cast<unsigned long long>(capture.retakes), reconstruction.voxel_mm);
+  if (provenance.light_maps_planned > 0 || provenance.normal_maps == 0) {
+    text +=
+        printed("from        %zu of %zu light maps, %llu frames, %llu retakes, voxels %.3f mm\n",
+                provenance.light_maps, provenance.light_maps_planned,
+                static_cast<unsigned long long>(capture.frames),
+                static_cast<unsigned long long>(capture.retakes), reconstruction.voxel_mm);
+  }
+  if (provenance.normal_maps > 0) {
+    text += printed("from        %zu normal maps, voxels %.3f mm\n", provenance.normal_maps,
+                    reconstruction.voxel_mm);
+  }
   if (comparison) {
     if (comparison->observed)
       text +=

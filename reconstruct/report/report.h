@@ -39,6 +39,7 @@ struct Provenance {
   std::string rig_hash, coding;
   std::size_t cameras = 0, displays = 0, stops = 0;
   std::size_t light_maps = 0;  ///< that were reconstructed from
+  std::size_t normal_maps = 0;
   std::size_t light_maps_planned = 0;
 };
 
@@ -86,6 +87,11 @@ struct Report {
 /// Gathers the report of a reconstruction. `reference` may be null.
 /// Fails: as compare().
 [[nodiscard]] Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
+                                         CaptureFigures capture, const Mesh* reference,
+                                         const Run& run);
+
+/// The same for what came from no scan directory.
+[[nodiscard]] Result<Report> make_report(Provenance provenance, const Reconstructed& reconstructed,
                                          CaptureFigures capture, const Mesh* reference,
                                          const Run& run);
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 
 #include "alhazen/check.h"
 #include "reconstruct/vote/gather.h"
@@ -15,6 +16,10 @@ namespace alhazen {
 namespace {
 
 using Eigen::Vector3d;
+
+/// A step outward from the surface is in free space wherever a camera sees its outline; its votes
+/// count all the same.
+constexpr double kNeverFree_mm = std::numeric_limits<double>::infinity();
 
 /// One observation's hypothesis at a point and how it turns along the normal.
 struct Turning {
@@ -161,7 +166,7 @@ Result<std::vector<DepthSample>> refine_depth(
       for (std::size_t i = 0; i < count; ++i) {
         if (mine.is_alive[i] == 0) continue;
         for (const double t : {-step_mm, 0.0, step_mm}) {
-          mine.block.add(mine.at[i] + t * mine.normal[i], 0);
+          mine.block.add(mine.at[i] + t * mine.normal[i], kNeverFree_mm);
         }
       }
       if (mine.block.count() == 0) break;

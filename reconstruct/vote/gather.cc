@@ -6,30 +6,12 @@
 #include <limits>
 
 #include "alhazen/check.h"
+#include "reconstruct/vote/spot.h"
 
 namespace alhazen {
 namespace {
 
 using kernels::kPadding;
-
-/// Where a ball is seen by a camera, with room for lens distortion.
-struct Spot {
-  Eigen::Vector2d centre_px;
-  double radius_px = 0;
-  double pixels_per_mm = 0;
-};
-
-std::optional<Spot> spot_of(const CameraModel& camera, const View& view,
-                            const Eigen::Vector3d& centre_mm, double radius_mm) {
-  const Eigen::Vector3d p = view.camera_from_object * centre_mm;
-  if (p.z() <= 2 * radius_mm) return std::nullopt;
-  const auto pixel = camera.project(p);
-  if (!pixel) return std::nullopt;
-  // A ball off the axis is drawn out by up to 1/cos² of the field angle; distortion adds a tenth.
-  const double off2 = 1 + (p.x() * p.x() + p.y() * p.y()) / (p.z() * p.z());
-  const double scale = std::max(camera.fx_px, camera.fy_px) / (p.z() - radius_mm) * off2 * 1.1;
-  return Spot{*pixel, scale * radius_mm, scale};
-}
 
 /// Whether the point lies on the lit side of the display, `margin_mm` away from its plane.
 bool is_before(const Observation& seen, const Eigen::Vector3d& p_mm, double margin_mm) {
@@ -47,13 +29,6 @@ int sight_at(const Observation& seen, float x_px, float y_px) {
   return seen.sight_px[static_cast<std::size_t>(static_cast<int>(y)) *
                            static_cast<std::size_t>(seen.sight_box.width) +
                        static_cast<std::size_t>(static_cast<int>(x))];
-}
-
-bool overlaps(const Region& box, const Spot& spot) {
-  return spot.centre_px.x() + spot.radius_px >= box.x &&
-         spot.centre_px.x() - spot.radius_px <= box.x + box.width &&
-         spot.centre_px.y() + spot.radius_px >= box.y &&
-         spot.centre_px.y() - spot.radius_px <= box.y + box.height;
 }
 
 template <class T>
@@ -85,11 +60,13 @@ void PointBlock::add(const Eigen::Vector3d& p_object_mm, double radius_mm) {
 double Gatherer::max_reach_mm(const Observations& observations, const Eigen::Vector3d& centre_mm) {
   constexpr double kErrorPx = 1e-3;
   double reach = std::numeric_limits<double>::infinity();
-  for (const View& view : observations.views()) {
+  const auto limit = [&](const View& view) {
     const CameraModel& camera = observations.rig().cameras[view.camera];
     const double away = (view.eye_object_mm - centre_mm).norm();
     reach = std::min(reach, std::cbrt(kErrorPx * away * away * away / camera.fx_px));
-  }
+  };
+  for (const View& view : observations.views()) limit(view);
+  for (const NormalView& seen : observations.normal_views()) limit(seen.view);
   return reach;
 }
 
@@ -152,7 +129,7 @@ bool Gatherer::is_free(const PointBlock& block) const {
       }
     }
   }
-  return false;
+  return is_clear_of_object(block, radius);
 }
 
 void Gatherer::look_for_sight(const Observation& seen, const PointBlock& block, float pixels_per_mm,
@@ -233,6 +210,7 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
       written += found;
     }
   }
+  looked_up += gather_normals(block, votes, written);
 
   // By point instead of by observation: a stable counting sort.
   for (std::size_t k = 0; k < written; ++k) ++votes.count[point_[k]];

@@ -33,9 +33,10 @@ class PointBlock {
 /// lists, in the order of the observations; behind them is room for kernels::kPadding more.
 struct BlockVotes {
   std::vector<std::uint32_t> begin, count;
-  std::vector<float> x, y, z;              ///< unit normals, object frame
-  std::vector<std::uint16_t> observation;  ///< index into Observations::all()
-  std::vector<std::uint8_t> free_space;    ///< per point: a camera sees a display through its ball
+  std::vector<float> x, y, z;  ///< unit normals, object frame
+  /// Index into Observations::all(), or beyond it into normal_views().
+  std::vector<std::uint16_t> observation;
+  std::vector<std::uint8_t> free_space;  ///< per point: a camera sees a display through its ball
 };
 
 /// Gathers the hypotheses at points. Holds its working memory: one a thread.
@@ -61,6 +62,10 @@ class Gatherer {
   [[nodiscard]] bool is_free(const PointBlock& block) const;
   void look_for_sight(const Observation& seen, const PointBlock& block, float pixels_per_mm,
                       BlockVotes& votes) const;
+  /// Whether some normal map sees nothing but background through the whole block.
+  [[nodiscard]] bool is_clear_of_object(const PointBlock& block, double radius_mm) const;
+  /// Appends the votes of the normal maps and marks free space; returns the look-ups.
+  std::uint64_t gather_normals(const PointBlock& block, BlockVotes& votes, std::size_t& written);
 
   const Observations& observations_;
   VoteOptions options_;

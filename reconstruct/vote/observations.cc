@@ -15,6 +15,8 @@ namespace {
 /// A position this near to the pixel's own line of sight onto the display is that, within what
 /// calibration and coding leave uncertain: half a millimetre to a millimetre on the display.
 constexpr float kSightPx = 3;
+/// Votes name their map in 16 bits.
+constexpr std::size_t kMostMaps = 65535;
 
 template <class Devices>
 std::size_t index_of(const Devices& devices, const std::string& name) {
@@ -341,8 +343,8 @@ Status Observations::add(const LightMap& map) {
     seen.sight_px = distances(map, labels, sight);
   }
 
-  if (observations_.size() >= 65535) {
-    return Error{Code::exhausted, name + ": a scan has at most 65535 light maps"};
+  if (map_count() >= kMostMaps) {
+    return Error{Code::exhausted, name + ": a scan has at most 65535 maps"};
   }
   const auto order = [](const Observation& o) {
     return std::tie(o.key.stop, o.key.camera, o.angle_rad, o.key.display);
@@ -400,9 +402,27 @@ void Observations::make_views() {
   }
 }
 
+Status Observations::add(const NormalMap& map) {
+  NormalView seen = ALHAZEN_TRY(make_normal_view(map, rig_, options_));
+  const std::string name =
+      "normal map of stop " + std::to_string(map.key.stop) + ", camera " + map.key.camera;
+  if (map_count() >= kMostMaps) {
+    return Error{Code::exhausted, name + ": a scan has at most 65535 maps"};
+  }
+  const auto place =
+      std::lower_bound(normal_views_.begin(), normal_views_.end(), seen,
+                       [](const NormalView& a, const NormalView& b) { return a.key < b.key; });
+  if (place != normal_views_.end() && place->key == seen.key) {
+    return Error{Code::conflict, name + ": came before"};
+  }
+  normal_views_.insert(place, std::move(seen));
+  return {};
+}
+
 std::size_t Observations::bytes() const noexcept {
   std::size_t sum = 0;
   for (const Observation& o : observations_) sum += o.bytes();
+  for (const NormalView& seen : normal_views_) sum += seen.bytes();
   return sum;
 }
 

@@ -10,6 +10,7 @@
 #include "reconstruct/geometry/rig.h"
 #include "reconstruct/options.h"
 #include "reconstruct/scan/light_map.h"
+#include "reconstruct/vote/normal_view.h"
 
 namespace alhazen {
 
@@ -43,16 +44,8 @@ struct Observation {
   [[nodiscard]] std::size_t bytes() const noexcept;
 };
 
-/// One camera at one stop: what its light maps have in common.
-struct View {
-  std::size_t camera = 0;
-  Pose camera_from_object;
-  Eigen::Vector3d eye_object_mm;
-  std::size_t begin = 0, end = 0;  ///< its observations
-};
-
-/// All light maps so far, in an order that does not depend on the order of arrival: by stop,
-/// camera and display.
+/// All light maps and normal maps so far, in an order that does not depend on the order of arrival:
+/// by stop, camera and display.
 ///
 /// Thread: add() by one thread; reading is reentrant.
 class Observations {
@@ -63,6 +56,9 @@ class Observations {
   /// Fails: invalid (camera or display not of the rig, region outside the sensor, lists of another
   /// length, a position that is not finite), conflict (this key came before).
   Status add(const LightMap& map);
+  /// Fails: as make_normal_view(), conflict (this key came before), exhausted (more than 65535
+  /// maps).
+  Status add(const NormalMap& map);
 
   /// The same light maps as if `rig` had taken them: what is asked of a rig that may be wrong.
   /// Direct sight stays what it was taken for when the maps came. Fails: invalid (it lacks a camera
@@ -73,6 +69,13 @@ class Observations {
   [[nodiscard]] const Rig& rig() const noexcept { return rig_; }
   [[nodiscard]] const std::vector<Observation>& all() const noexcept { return observations_; }
   [[nodiscard]] std::size_t size() const noexcept { return observations_.size(); }
+  [[nodiscard]] const std::vector<NormalView>& normal_views() const noexcept {
+    return normal_views_;
+  }
+  /// Of both kinds.
+  [[nodiscard]] std::size_t map_count() const noexcept {
+    return observations_.size() + normal_views_.size();
+  }
   /// Views in order, each with its run of all().
   [[nodiscard]] const std::vector<View>& views() const noexcept { return views_; }
   [[nodiscard]] std::size_t bytes() const noexcept;
@@ -85,6 +88,7 @@ class Observations {
   Eigen::Vector3d centre_object_mm_;
   std::vector<Observation> observations_;
   std::vector<View> views_;
+  std::vector<NormalView> normal_views_;
 };
 
 }  // namespace alhazen

@@ -86,11 +86,20 @@ Status remove_rivals(const Observations& observations, const VoteOptions& option
   const double edge_mm = octree.volume().edge_mm / (1 << octree.finest_level());
   const double bandwidth_rad = voter.bandwidth_rad(edge_mm);
   const double max_reach_mm = Gatherer::max_reach_mm(observations, octree.volume().centre_mm);
-  std::vector<Claims> claims;
-  std::vector<std::size_t> view_of(observations.size());
-  claims.reserve(observations.views().size());
+  std::vector<const View*> views;
+  std::vector<std::size_t> view_of(observations.map_count());  // by the number that votes name
   for (const View& view : observations.views()) {
-    for (std::size_t i = view.begin; i < view.end; ++i) view_of[i] = claims.size();
+    for (std::size_t i = view.begin; i < view.end; ++i) view_of[i] = views.size();
+    views.push_back(&view);
+  }
+  for (std::size_t k = 0; k < observations.normal_views().size(); ++k) {
+    view_of[observations.size() + k] = views.size();
+    views.push_back(&observations.normal_views()[k].view);
+  }
+  std::vector<Claims> claims;
+  claims.reserve(views.size());
+  for (const View* seen : views) {
+    const View& view = *seen;
     claims.emplace_back(
         observations.rig().cameras[view.camera],
         (view.eye_object_mm - octree.volume().centre_mm).norm() + octree.volume().edge_mm);
@@ -121,7 +130,7 @@ Status remove_rivals(const Observations& observations, const VoteOptions& option
           const double weight = std::exp(-0.5 * off2 / (bandwidth_rad * bandwidth_rad));
           if (weight < 0.1) continue;
           const std::size_t index = view_of[mine.votes.observation[at]];
-          const View& view = observations.views()[index];
+          const View& view = *views[index];
           const Eigen::Vector3d in_camera = view.camera_from_object * centre;
           const CameraModel& camera = observations.rig().cameras[view.camera];
           const auto pixel = camera.project(in_camera);

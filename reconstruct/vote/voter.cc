@@ -51,6 +51,9 @@ Voter::Voter(const Observations& observations, const VoteOptions& options)
   for (const Observation& seen : observations.all()) {
     if (seen.noise_rad > 0) noise.push_back(seen.noise_rad);
   }
+  for (const NormalView& seen : observations.normal_views()) {
+    if (seen.noise_rad > 0) noise.push_back(seen.noise_rad);
+  }
   if (!noise.empty()) {
     const auto middle = noise.begin() + static_cast<std::ptrdiff_t>(noise.size() / 2);
     std::nth_element(noise.begin(), middle, noise.end());
