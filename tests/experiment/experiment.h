@@ -35,5 +35,7 @@ struct Experiment {
 
 /// Light maps of mirrors: sphere, bunny, block with pits, sharp and thin shapes (mirror_rows.cc).
 void add_mirror_rows(std::vector<Experiment>& list);
+/// Normal maps and photometric stereo (normals_rows.cc).
+void add_normal_rows(std::vector<Experiment>& list);
 
 }  // namespace alhazen::experiment
