@@ -30,6 +30,8 @@ constexpr double kAgreeRad = 0.05, kMinCosine = 0.25;
 /// is asked whether its picture is turned.
 constexpr double kLostShare = 0.25, kSilentShare = 0.03;
 constexpr std::size_t kFewestVotes = 20, kDoubt = 3;
+/// Stops do not go wrong by themselves: more of them than this share, and it is the whole rig.
+constexpr double kLostStops = 0.25;
 /// It does belong where so much does; of so many at least, and for an exchange so many each.
 constexpr double kMendedShare = 0.4;
 constexpr std::size_t kFewestMended = 8, kFewestEach = 3;
@@ -365,6 +367,14 @@ class Judge {
     return out;
   }
 
+  /// Whether so many stops do not belong that it is the surface that is wrong. After faults().
+  [[nodiscard]] bool has_lost_surface() const {
+    const auto lost =
+        std::ranges::count_if(lost_, [](const Device& d) { return d.first == Kind::stop; });
+    return static_cast<double>(lost) >
+           kLostStops * static_cast<double>(sums(shares_, Kind::stop, {}).size());
+  }
+
  private:
   struct Cause {
     std::string what;
@@ -440,7 +450,8 @@ class Judge {
   }
   /// What would make a camera or display belong to the rest.
   [[nodiscard]] std::optional<Cause> cause_of(const Device& device) {
-    const auto& [kind, name] = device;
+    const Kind kind = device.first;
+    const std::string& name = device.second;  // no binding: clang 14 captures none
     const Rig rig = observations_.rig();
     std::optional<Cause> best_cause;
     double best_share = 0;
@@ -545,8 +556,11 @@ Result<double> peak_consistency(const Observations& observations, const VoteOpti
   return sum / static_cast<double>(kJudged);
 }
 
-Status look_at_whole_rig(Observations& observations, const VoteOptions& options,
-                         const Volume& volume, const Run& run, std::vector<std::string>& out) {
+/// Whether another rig was found under which the votes agree clearly better; `out` names it, or how
+/// little they agree as it is.
+Result<bool> look_at_whole_rig(Observations& observations, const VoteOptions& options,
+                               const Volume& volume, const Run& run,
+                               std::vector<std::string>& out) {
   const double given = ALHAZEN_TRY(peak_consistency(observations, options, volume, run));
   double best = 0;
   std::string cause;
@@ -562,7 +576,8 @@ Status look_at_whole_rig(Observations& observations, const VoteOptions& options,
   }
   run.tell("diagnose", 1);
   char figures[96];
-  if (best > kBetterFactor * given && best > given + kBetterBy) {
+  const bool is_better = best > kBetterFactor * given && best > given + kBetterBy;
+  if (is_better) {
     std::snprintf(figures, sizeof figures, "consistency %.2f instead of %.2f", best, given);
     out.push_back("the light maps agree far better if " + cause + " (" + figures +
                   "): check rig and cables");
@@ -571,7 +586,7 @@ Status look_at_whole_rig(Observations& observations, const VoteOptions& options,
     out.push_back("the light maps hardly agree anywhere (" + std::string(figures) +
                   "): is this the rig that they were taken with, and is the object in the volume?");
   }
-  return {};
+  return is_better;
 }
 
 }  // namespace
@@ -595,11 +610,18 @@ Result<std::vector<std::string>> diagnose(Observations& observations, const Vote
   if (observations.size() < kFewestMaps) return out;
   Judge judge(observations, options, std::move(points));
   if (measured_share < kMeasuredShare || judge.best(Kind::camera) < kBestShare) {
-    ALHAZEN_TRY(look_at_whole_rig(observations, options, volume, run, out));
+    static_cast<void>(ALHAZEN_TRY(look_at_whole_rig(observations, options, volume, run, out)));
     return out;
   }
   const std::vector<std::string> faults =
       ALHAZEN_TRY(judge.faults(turned_away(observations, volume), run));
+  if (judge.has_lost_surface()) {
+    std::vector<std::string> whole;
+    if (ALHAZEN_TRY(look_at_whole_rig(observations, options, volume, run, whole))) {
+      out.insert(out.end(), whole.begin(), whole.end());
+      return out;
+    }
+  }
   out.insert(out.end(), faults.begin(), faults.end());
   return out;
 }

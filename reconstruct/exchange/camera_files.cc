@@ -25,7 +25,6 @@ constexpr int kMaxSide_px = 65'535;
 constexpr std::uint64_t kMaxCameraFileBytes = 4U << 20U;
 // images.txt holds the observed points of every picture, which are passed over.
 constexpr std::uint64_t kMaxColmapBytes = std::uint64_t{1} << 30;
-constexpr std::uint64_t kMaxRigBytes = 16U << 20U;
 
 /// A key as it is compared: without case, '_' and '-'.
 std::string plain(std::string_view key) {
@@ -236,11 +235,9 @@ Status read_pose(const Keys& keys, double unit_mm, ForeignCamera& camera) {
   if (const Found whole = keys.find({"camerafromrig"})) {
     const std::vector<double> m = ALHAZEN_TRY(numbers_of(whole));
     if (m.size() != 16) return wrong(whole, "4 x 4 numbers");
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column)
-        pose.rotation(row, column) = m[static_cast<std::size_t>(row * 4 + column)];
-      pose.translation_mm[row] = unit_mm * m[static_cast<std::size_t>(row * 4 + 3)];
-    }
+    const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix(m.data());
+    pose.rotation = matrix.topLeftCorner<3, 3>();
+    pose.translation_mm = unit_mm * matrix.topRightCorner<3, 1>();
     camera.has_pose = true;  // whether it is rigid is Rig::parse()'s to tell
     return {};
   }
