@@ -162,7 +162,7 @@ bool solve(const Pixel& pixel, double max_condition, Fit& fit) {
     right += pixel.weight[k] * pixel.intensity[k] * pixel.light[k];
   }
   const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(fit.information, Eigen::EigenvaluesOnly);
-  const Vector3d values = eigen.eigenvalues();
+  const Vector3d& values = eigen.eigenvalues();
   if (!(values[0] > 0) || values[2] > max_condition * values[0]) return false;
   fit.b = fit.information.ldlt().solve(right);
   return fit.b.allFinite() && fit.b.squaredNorm() > 0;
@@ -316,8 +316,9 @@ Result<std::vector<Light>> lights_of_mirror_ball(int width, int height,
   double area = 0;
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   const auto place = [&](std::size_t i) {
+    const std::size_t row = i / static_cast<std::size_t>(width);
     return Eigen::Vector2d(static_cast<double>(i % static_cast<std::size_t>(width)),
-                           static_cast<double>(i / static_cast<std::size_t>(width)));
+                           static_cast<double>(row));
   };
   for (std::size_t i = 0; i < size; ++i) {
     if (mask[i] == 0) continue;

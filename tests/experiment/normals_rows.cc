@@ -232,16 +232,18 @@ Result<PsSet> read_set(const std::filesystem::path& folder, const std::string& n
     set.stack.mask.push_back(mask[i] >= 0.5F ? 1 : 0);
     if (set.stack.mask.back() == 0) continue;
     area += 1;
+    const std::size_t row = i / static_cast<std::size_t>(width);
     centre += Eigen::Vector2d(static_cast<double>(i % static_cast<std::size_t>(width)),
-                              static_cast<double>(i / static_cast<std::size_t>(width)));
+                              static_cast<double>(row));
   }
   if (!is_ball) return set;
   centre /= area;
   const double radius = std::sqrt(area / std::numbers::pi);
   for (std::size_t i = 0; i < mask.size(); ++i) {
+    const std::size_t row = i / static_cast<std::size_t>(width);
     const Eigen::Vector2d off =
         (Eigen::Vector2d(static_cast<double>(i % static_cast<std::size_t>(width)),
-                         static_cast<double>(i / static_cast<std::size_t>(width))) -
+                         static_cast<double>(row)) -
          centre) /
         radius;
     const double inside = 1 - off.squaredNorm();
@@ -455,8 +457,10 @@ Result<Rows> clay_mask(int stops, const std::filesystem::path& out, const Run& r
   constexpr std::size_t kLights = 198;
   const Mesh mesh = clay_face();
   const Volume volume;
-  std::vector<double> elevations;
-  for (int i = 0; i < 11; ++i) elevations.push_back((5 + 8.0 * i) * kDegree);
+  std::vector<double> elevations(11);
+  for (std::size_t i = 0; i < elevations.size(); ++i) {
+    elevations[i] = (5 + 8.0 * static_cast<double>(i)) * kDegree;
+  }
   const Rig rig =
       views::ring_of_cameras(elevations, kDistance_mm, kPixel_mm, 512, volume.centre_mm);
   const std::vector<Vector3d> lights = dome(kLights, 8);
@@ -544,8 +548,7 @@ Result<CameraModel> read_camera(const std::filesystem::path& file, int width, in
 
 }  // namespace
 
-Result<Rows> diligent_depths(const std::filesystem::path& data, const std::filesystem::path& out,
-                             const Run& run) {
+Result<Rows> diligent_depths(const std::filesystem::path& data, const Run& run) {
   Rows rows;
   for (const char* name : {"bear", "buddha", "cat", "harvest", "pot1"}) {
     const std::filesystem::path folder = data / "normals_diligent" / name;
@@ -592,7 +595,6 @@ Result<Rows> diligent_depths(const std::filesystem::path& data, const std::files
                       {"cpu_s", time.cpu_s}});
     }
   }
-  static_cast<void>(out);
   return rows;
 }
 
@@ -610,9 +612,8 @@ void add_normal_rows(std::vector<Experiment>& list) {
   list.push_back({"clay_mask_264", "the same in 264 views",
                   [](const Context& context) { return clay_mask(24, context.out, context.run); }});
   list.push_back(
-      {"diligent", "depth of single views from their true normals", [](const Context& context) {
-         return diligent_depths(context.data, context.out, context.run);
-       }});
+      {"diligent", "depth of single views from their true normals",
+       [](const Context& context) { return diligent_depths(context.data, context.run); }});
 }
 
 }  // namespace alhazen::experiment

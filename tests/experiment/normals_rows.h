@@ -51,7 +51,6 @@ struct NormalViews {
 [[nodiscard]] Result<Rows> clay_mask(int stops, const std::filesystem::path& out, const Run& run);
 
 /// Objects of DiLiGenT: their true normals integrated, against their true depth.
-[[nodiscard]] Result<Rows> diligent_depths(const std::filesystem::path& data,
-                                           const std::filesystem::path& out, const Run& run);
+[[nodiscard]] Result<Rows> diligent_depths(const std::filesystem::path& data, const Run& run);
 
 }  // namespace alhazen::experiment
