@@ -56,6 +56,7 @@ std::vector<Eigen::Vector3d> some_points() {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> across(-60, 60);
   std::vector<Eigen::Vector3d> points;
+  points.reserve(100);
   for (int i = 0; i < 100; ++i) points.emplace_back(across(random), across(random), across(random));
   return points;
 }

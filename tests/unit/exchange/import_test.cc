@@ -122,7 +122,7 @@ const Recording& tiny() {
 }
 
 Result<Imported> import_of(const Recording& recording, const fs::path& scan,
-                           ImportOptions options = some_options()) {
+                           const ImportOptions& options = some_options()) {
   return import_scan(recording.rig(), recording.table(), scan, {recording.folder(), 0, {}}, options,
                      kNobody);
 }
@@ -271,7 +271,7 @@ TEST(Import, IsGoneOnWithAndOtherwiseRefused) {
 /// A table with one thing changed.
 class Edited {
  public:
-  Edited(std::string from, const std::string& to, bool every = false)
+  Edited(const std::string& from, const std::string& to, bool every = false)
       : table_(tiny().folder() / ("edited_" + std::to_string(++count_) + ".csv")) {
     std::string text = tiny().text();
     std::size_t at = text.find(from);
