@@ -1,11 +1,22 @@
 #pragma once
 
+#include <cstdint>
+
 #include "alhazen/result.h"
 
 namespace alhazen {
 
+/// How the density of a point's hypotheses is estimated (M. Weinmann's thesis, eq. 5.8, compares
+/// these): h is the bandwidth, d the chord between two unit normals.
+enum class Density : std::uint8_t {
+  gaussian,      ///< exp(−d² / 2h²)
+  epanechnikov,  ///< max(0, 1 − d² / 6h²): the same mean d² on the sphere
+  histogram,     ///< equal cells of 2h of the octahedron's plane; the fullest one
+};
+
 /// Every tunable of voting (method: reconstruct/README.md).
 struct VoteOptions {
+  Density density = Density::gaussian;
   /// Bandwidth h of the Gaussian kernel on normals, Σ exp(−|n_v − n|² / 2h²), for a leaf of edge
   /// `bandwidth_edge_mm`; with each halving of the edge it shrinks by `bandwidth_ratio`.
   /// rad, range (0, 0.5]; mm, range (0, 1000]; unit 1, range (0, 1].

@@ -164,19 +164,42 @@ std::size_t look_up_impl(const MapView& map, const float* x_mm, const float* y_m
   return written;
 }
 
-Mode mean_shift_impl(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
-                     float min_support) {
+/// k by d², and what weighs in its mean shift.
+struct Gaussian {
+  explicit Gaussian(float bandwidth_rad) : scale(-0.5F / (bandwidth_rad * bandwidth_rad)) {}
+  HWY_INLINE FloatVector height(FloatTag d, FloatVector distance2) const {
+    return exp_negative(d, hn::Mul(distance2, hn::Set(d, scale)));
+  }
+  HWY_INLINE FloatVector pull(FloatTag /*d*/, FloatVector height_there) const {
+    return height_there;
+  }
+  float scale;
+};
+struct Epanechnikov {
+  explicit Epanechnikov(float bandwidth_rad) : scale(1 / (6 * bandwidth_rad * bandwidth_rad)) {}
+  HWY_INLINE FloatVector height(FloatTag d, FloatVector distance2) const {
+    return hn::Max(hn::Zero(d), hn::Sub(hn::Set(d, 1.0F), hn::Mul(distance2, hn::Set(d, scale))));
+  }
+  HWY_INLINE FloatVector pull(FloatTag d, FloatVector height_there) const {
+    return hn::IfThenElseZero(hn::Gt(height_there, hn::Zero(d)), hn::Set(d, 1.0F));
+  }
+  float scale;
+};
+
+template <class Profile>
+Mode climb_highest(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
+                   float min_support) {
   const FloatTag d;
   const std::size_t lanes = hn::Lanes(d);
   // Padding no direction is near to: its weight is exp(−1 / 2h²) or less, times a zero vector, and
   // exactly 0 for every bandwidth below 0.07 rad; the far point makes it 0 for all.
   for (std::size_t i = count; i < count + lanes; ++i) x[i] = y[i] = z[i] = 1e3F;
-  const float scale = -0.5F / (bandwidth_rad * bandwidth_rad);
+  const Profile profile(bandwidth_rad);
   const auto weight = [&](FloatVector mx, FloatVector my, FloatVector mz, std::size_t i) HWY_ATTR {
     const auto dx = hn::Sub(hn::LoadU(d, x + i), mx), dy = hn::Sub(hn::LoadU(d, y + i), my),
                dz = hn::Sub(hn::LoadU(d, z + i), mz);
     const auto distance2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
-    return exp_negative(d, hn::Mul(distance2, hn::Set(d, scale)));
+    return profile.height(d, distance2);
   };
   const auto density = [&](float mx, float my, float mz) HWY_ATTR {
     auto sum = hn::Zero(d);
@@ -218,8 +241,9 @@ Mode mean_shift_impl(float* x, float* y, float* z, std::size_t count, float band
       const auto mx = hn::Set(d, from.x), my = hn::Set(d, from.y), mz = hn::Set(d, from.z);
       auto sum = hn::Zero(d), sx = hn::Zero(d), sy = hn::Zero(d), sz = hn::Zero(d);
       for (std::size_t i = 0; i < count; i += lanes) {
-        const auto w = weight(mx, my, mz, i);
-        sum = hn::Add(sum, w);
+        const auto height_there = weight(mx, my, mz, i);
+        const auto w = profile.pull(d, height_there);
+        sum = hn::Add(sum, height_there);
         sx = hn::MulAdd(w, hn::LoadU(d, x + i), sx);
         sy = hn::MulAdd(w, hn::LoadU(d, y + i), sy);
         sz = hn::MulAdd(w, hn::LoadU(d, z + i), sz);
@@ -247,6 +271,15 @@ Mode mean_shift_impl(float* x, float* y, float* z, std::size_t count, float band
   return mode;
 }
 
+Mode mean_shift_impl(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
+                     float min_support) {
+  return climb_highest<Gaussian>(x, y, z, count, bandwidth_rad, min_support);
+}
+Mode mean_shift_epanechnikov_impl(float* x, float* y, float* z, std::size_t count,
+                                  float bandwidth_rad, float min_support) {
+  return climb_highest<Epanechnikov>(x, y, z, count, bandwidth_rad, min_support);
+}
+
 }  // namespace alhazen::kernels::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -256,6 +289,7 @@ namespace alhazen::kernels {
 HWY_EXPORT(project_impl);
 HWY_EXPORT(look_up_impl);
 HWY_EXPORT(mean_shift_impl);
+HWY_EXPORT(mean_shift_epanechnikov_impl);
 
 void project(const LocalProjection& projection, const float* x_mm, const float* y_mm,
              const float* z_mm, std::size_t count, float* x_px, float* y_px) {
@@ -272,6 +306,12 @@ std::size_t look_up(const MapView& map, const float* x_mm, const float* y_mm, co
 Mode mean_shift(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
                 float min_support) {
   return HWY_DYNAMIC_DISPATCH(mean_shift_impl)(x, y, z, count, bandwidth_rad, min_support);
+}
+
+Mode mean_shift_epanechnikov(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
+                             float min_support) {
+  return HWY_DYNAMIC_DISPATCH(mean_shift_epanechnikov_impl)(x, y, z, count, bandwidth_rad,
+                                                            min_support);
 }
 
 }  // namespace alhazen::kernels

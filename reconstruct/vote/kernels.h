@@ -48,14 +48,23 @@ std::size_t look_up(const MapView& map, const float* x_mm, const float* y_mm, co
 /// A mode of the density of unit vectors.
 struct Mode {
   float x = 0, y = 0, z = 0;
-  float support = 0;  ///< Σ exp(−|n_v − N|² / 2h²)
+  float support = 0;  ///< Σ k(|n_v − N|), 1 for a vote at the mode itself
 };
 
-/// The highest mode of Σ exp(−|n_v − n|² / 2h²) over `count` unit vectors: mean shift from the vote
-/// of highest density among at most 32 evenly picked ones, and from the best one beyond 3h of it.
-/// The lists are overwritten beyond `count` (padding). Nothing above `min_support` at any seed:
+/// The highest mode of Σ k(|n_v − n|) over `count` unit vectors, k Gaussian: mean shift from the
+/// vote of highest density among at most 32 evenly picked ones, and from the best one beyond 3h of
+/// it. The lists are overwritten beyond `count` (padding). Nothing above `min_support` at any seed:
 /// the best seed itself.
 Mode mean_shift(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
                 float min_support);
+/// The same with Epanechnikov's kernel, whose mean shift is the mean of what lies within √6 h.
+Mode mean_shift_epanechnikov(float* x, float* y, float* z, std::size_t count, float bandwidth_rad,
+                             float min_support);
+
+/// The mean of the votes in the fullest cell; its support is their number. Cells are squares of 2h
+/// of the octahedral map of the sphere onto a square (Cigolle et al., JCGT 3(2), 2014), so they are
+/// not equally large on the sphere. `scratch` holds `count` words.
+Mode histogram_mode(const float* x, const float* y, const float* z, std::size_t count,
+                    float bandwidth_rad, std::uint64_t* scratch);
 
 }  // namespace alhazen::kernels

@@ -103,11 +103,29 @@ Result<NormalField> Voter::vote(const Octree& octree, const VotedBefore* before,
   }
 
   struct Working {
-    Working(const Observations& observations, const VoteOptions& options)
-        : gatherer(observations, options) {}
+    Working(const Observations& observations, const VoteOptions& vote_options)
+        : options(vote_options), gatherer(observations, vote_options) {}
+    /// Of `count` votes from `at` on.
+    kernels::Mode mode_of(std::size_t at, std::size_t count, double bandwidth_rad) {
+      float *x = votes.x.data() + at, *y = votes.y.data() + at, *z = votes.z.data() + at;
+      const auto h = static_cast<float>(bandwidth_rad);
+      const auto lone = static_cast<float>(options.lone_support);
+      switch (options.density) {
+        case Density::gaussian:
+          return kernels::mean_shift(x, y, z, count, h, lone);
+        case Density::epanechnikov:
+          return kernels::mean_shift_epanechnikov(x, y, z, count, h, lone);
+        case Density::histogram:
+          break;
+      }
+      scratch.resize(std::max(scratch.size(), count));
+      return kernels::histogram_mode(x, y, z, count, h, scratch.data());
+    }
+    VoteOptions options;
     Gatherer gatherer;
     PointBlock block;
     BlockVotes votes;
+    std::vector<std::uint64_t> scratch;
   };
   tbb::enumerable_thread_specific<Working> working(
       [&] { return Working(observations_, options_); });
@@ -130,10 +148,7 @@ Result<NormalField> Voter::vote(const Octree& octree, const VotedBefore* before,
       field.votes[leaf] = static_cast<std::uint16_t>(std::min<std::size_t>(count, 65535));
       if (count < 2) continue;
       const std::size_t at = mine.votes.begin[point];
-      const kernels::Mode mode = kernels::mean_shift(
-          mine.votes.x.data() + at, mine.votes.y.data() + at, mine.votes.z.data() + at, count,
-          static_cast<float>(bandwidth_rad(octree.edge_mm(leaf))),
-          static_cast<float>(options_.lone_support));
+      const kernels::Mode mode = mine.mode_of(at, count, bandwidth_rad(octree.edge_mm(leaf)));
       field.support[leaf] = mode.support;
       const double agreeing = std::max(0.0, mode.support - options_.lone_support);
       if (agreeing <= 0) continue;

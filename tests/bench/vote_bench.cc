@@ -144,6 +144,23 @@ void mean_shift(benchmark::State& state) {
                                                  votes.count, 0.01F, 1.2F));
   }
 }
+void mean_shift_epanechnikov(benchmark::State& state) {
+  Votes votes(static_cast<std::size_t>(state.range(0)));
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(kernels::mean_shift_epanechnikov(
+        votes.x.data(), votes.y.data(), votes.z.data(), votes.count, 0.01F, 1.2F));
+  }
+}
+void histogram(benchmark::State& state) {
+  Votes votes(static_cast<std::size_t>(state.range(0)));
+  std::vector<std::uint64_t> scratch(votes.count);
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(kernels::histogram_mode(votes.x.data(), votes.y.data(), votes.z.data(),
+                                                     votes.count, 0.01F, scratch.data()));
+  }
+}
+BENCHMARK(mean_shift_epanechnikov)->Arg(8)->Arg(24)->Arg(100)->Arg(400);
+BENCHMARK(histogram)->Arg(8)->Arg(24)->Arg(100)->Arg(400);
 BENCHMARK(mean_shift)->Arg(8)->Arg(24)->Arg(100)->Arg(400);
 
 /// One block of 512 points against one map that all of them fall into.

@@ -40,12 +40,13 @@ struct Made {
 };
 
 /// Reconstructs a scan with outliers scattered in its light maps.
-Result<Made> reconstruct(const Context& context, const Scan& scan, const Rig& rig, int level) {
+Result<Made> reconstruct(const Context& context, const Scan& scan, const Rig& rig, int level,
+                         const Options& options = {}) {
   forget_peak();
   const StageClock clock;
   const std::vector<StackKey> keys = ALHAZEN_TRY(scan.light_maps());
   Reconstruction work =
-      ALHAZEN_TRY(Reconstruction::make(rig, scan.manifest().volume, level, Options{}));
+      ALHAZEN_TRY(Reconstruction::make(rig, scan.manifest().volume, level, options));
   for (const StackKey& key : keys) {
     if (context.run.stopped()) return Error{Code::cancelled, "interrupted"};
     LightMap map = ALHAZEN_TRY(scan.load_light_map(key));
@@ -100,6 +101,29 @@ Result<std::vector<Row>> sphere(const Context& context, const char* name, Coding
   row.update(bounds);
   row.update(made.figures);
   return std::vector<Row>{row};
+}
+
+/// The three estimates of the votes' density, as the thesis compares them: level 8, Gray code.
+Result<std::vector<Row>> densities(const Context& context) {
+  ScanRecipe recipe;
+  recipe.world = "sphere";
+  const Scan scan = ALHAZEN_TRY(simulated_scan(context.cache, recipe, context.run));
+  std::vector<Row> rows;
+  const std::pair<const char*, Density> kinds[] = {{"gaussian", Density::gaussian},
+                                                   {"epanechnikov", Density::epanechnikov},
+                                                   {"histogram", Density::histogram}};
+  for (const auto& [kind, density] : kinds) {
+    Options options;
+    options.vote.density = density;
+    const Made made = ALHAZEN_TRY(reconstruct(context, scan, scan.rig(), 8, options));
+    const SphereComparison off = ALHAZEN_TRY(compare_sphere(made.result.mesh, 25));
+    Row row{{"experiment", std::string("density_") + kind}};
+    if (off.observed) put(row, "", off.observed->distances);
+    put_observed(row, made.result.mesh);
+    row.update(made.figures);
+    rows.push_back(std::move(row));
+  }
+  return rows;
 }
 
 /// A mesh of the data folder on the rig of config/worlds/bunny.toml with eleven cameras.
@@ -159,6 +183,8 @@ void add_mirror_rows(std::vector<Experiment>& list) {
                                    {"aim_rms_um", 2},
                                    {"aim_p90_um", 3}});
                   }});
+  list.push_back(
+      {"densities", "the three densities of votes on sphere_gray's light maps", densities});
   const Row bunny_bounds = {
       {"must_rms_um", 5}, {"must_p99_um", 15}, {"aim_rms_um", 2.5}, {"aim_p99_um", 8}};
   list.push_back(

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
 #include <random>
 #include <string>
@@ -65,26 +66,41 @@ Cloud cloud(std::uint32_t seed, const std::vector<int>& clusters, int rest, doub
   return made;
 }
 
-double density(const Cloud& votes, const Eigen::Vector3d& at, double h) {
+/// A kernel of the density, by d², and what weighs in its mean shift.
+struct Profile {
+  const char* name;
+  double (*height)(double d2, double h);
+  double (*pull)(double d2, double h);
+  kernels::Mode (*find)(float* x, float* y, float* z, std::size_t count, float h, float least);
+};
+const Profile kProfiles[] = {
+    {"Gaussian", [](double d2, double h) { return std::exp(-d2 / (2 * h * h)); },
+     [](double d2, double h) { return std::exp(-d2 / (2 * h * h)); }, kernels::mean_shift},
+    {"Epanechnikov", [](double d2, double h) { return std::max(0.0, 1 - d2 / (6 * h * h)); },
+     [](double d2, double h) { return d2 < 6 * h * h ? 1.0 : 0.0; },
+     kernels::mean_shift_epanechnikov}};
+
+double density(const Profile& profile, const Cloud& votes, const Eigen::Vector3d& at, double h) {
   double sum = 0;
-  for (const Eigen::Vector3d& n : votes.n) sum += std::exp(-(n - at).squaredNorm() / (2 * h * h));
+  for (const Eigen::Vector3d& n : votes.n) sum += profile.height((n - at).squaredNorm(), h);
   return sum;
 }
 
 /// The highest mode by mean shift from every vote, to convergence, in double.
-std::pair<Eigen::Vector3d, double> brute_force(const Cloud& votes, double h) {
+std::pair<Eigen::Vector3d, double> brute_force(const Profile& profile, const Cloud& votes,
+                                               double h) {
   std::pair<Eigen::Vector3d, double> best{Eigen::Vector3d::Zero(), 0};
   for (Eigen::Vector3d at : votes.n) {
     for (int step = 0; step < 500; ++step) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (const Eigen::Vector3d& n : votes.n) {
-        sum += std::exp(-(n - at).squaredNorm() / (2 * h * h)) * n;
+        sum += profile.pull((n - at).squaredNorm(), h) * n;
       }
       const Eigen::Vector3d next = sum.normalized();
       if ((next - at).norm() < 1e-10) break;
       at = next;
     }
-    const double height = density(votes, at, h);
+    const double height = density(profile, votes, at, h);
     if (height > best.second) best = {at, height};
   }
   return best;
@@ -101,19 +117,21 @@ TEST(MeanShift, FindsTheHighestModeOfBruteForceInDouble) {
                                    {{30, 28}, 60, 0.01, 0.01}, {{2}, 1, 0.002, 0.01},
                                    {{60}, 300, 0.005, 0.0067}, {{1}, 0, 0.1, 0.01},
                                    {{16}, 0, 0.2, 0.3},        {{17, 17, 17}, 0, 0.01, 0.02}};
-  for (std::uint32_t seed = 0; seed < 10; ++seed) {
+  for (std::uint32_t round = 0; round < 20; ++round) {
+    const Profile& profile = kProfiles[round % 2];
+    SCOPED_TRACE(profile.name);
+    const std::uint32_t seed = round / 2;
     for (const Case& c : cases) {
       const Cloud made = cloud(seed, c.clusters, c.rest, c.spread_rad);
-      const auto [normal, height] = brute_force(made, c.h);
+      const auto [normal, height] = brute_force(profile, made, c.h);
       for_each_target([&, truth = normal, most = height] {
         Cloud votes = made;
-        const kernels::Mode mode =
-            kernels::mean_shift(votes.x.data(), votes.y.data(), votes.z.data(), votes.n.size(),
-                                static_cast<float>(c.h), 1.0F);
+        const kernels::Mode mode = profile.find(votes.x.data(), votes.y.data(), votes.z.data(),
+                                                votes.n.size(), static_cast<float>(c.h), 1.0F);
         const Eigen::Vector3d found(mode.x, mode.y, mode.z);
         EXPECT_NEAR(found.norm(), 1, 1e-5);
         // What it says is true …
-        EXPECT_NEAR(mode.support, density(votes, found, c.h), 2e-3 * most);
+        EXPECT_NEAR(mode.support, density(profile, votes, found, c.h), 2e-3 * most);
         // … and as high as the best: exactly where the votes are few enough to seed from all.
         EXPECT_GT(mode.support, (votes.n.size() <= 32 ? 0.995 : 0.9) * most)
             << "clusters " << c.clusters.size() << " of " << c.clusters[0] << ", seed " << seed;
@@ -123,6 +141,41 @@ TEST(MeanShift, FindsTheHighestModeOfBruteForceInDouble) {
       });
     }
   }
+}
+
+TEST(Histogram, TheFullestCellSpeaks) {
+  for (std::uint32_t seed = 0; seed < 20; ++seed) {
+    const Cloud votes = cloud(seed, {static_cast<int>(seed) + 2, 9}, 120, 0.004);
+    const double h = seed % 2 == 0 ? 0.01 : 0.05;
+    // The same cells, counted in double: x + y + z = ±1 unfolded onto the square.
+    std::map<std::pair<int, int>, std::vector<std::size_t>> cells;
+    for (std::size_t i = 0; i < votes.n.size(); ++i) {
+      const Eigen::Vector3d p = votes.n[i] / votes.n[i].cwiseAbs().sum();
+      Eigen::Vector2d at = p.head<2>();
+      if (p.z() < 0) {
+        at = {(1 - std::abs(p.y())) * std::copysign(1.0, p.x()),
+              (1 - std::abs(p.x())) * std::copysign(1.0, p.y())};
+      }
+      cells[{static_cast<int>((at.x() + 1) / (2 * h)), static_cast<int>((at.y() + 1) / (2 * h))}]
+          .push_back(i);
+    }
+    std::size_t most = 0;
+    for (const auto& [cell, list] : cells) most = std::max(most, list.size());
+    std::vector<std::uint64_t> scratch(votes.n.size());
+    const kernels::Mode mode =
+        kernels::histogram_mode(votes.x.data(), votes.y.data(), votes.z.data(), votes.n.size(),
+                                static_cast<float>(h), scratch.data());
+    EXPECT_EQ(mode.support, static_cast<float>(most));
+    const bool is_mean_of_a_fullest =
+        std::any_of(cells.begin(), cells.end(), [&](const auto& cell) {
+          Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+          for (const std::size_t i : cell.second) sum += votes.n[i];
+          return cell.second.size() == most &&
+                 (sum.normalized() - Eigen::Vector3d(mode.x, mode.y, mode.z)).norm() < 1e-5;
+        });
+    EXPECT_TRUE(is_mean_of_a_fullest);
+  }
+  EXPECT_EQ(kernels::histogram_mode(nullptr, nullptr, nullptr, 0, 0.01F, nullptr).support, 0);
 }
 
 TEST(MeanShift, NothingVotedGivesNothing) {
