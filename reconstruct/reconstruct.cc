@@ -304,6 +304,24 @@ void check_observed(const Solved& solved, const Depths& depths, const LeafFacts&
   });
 }
 
+/// Takes the flag from vertices that no observed triangle holds: single ones among others that
+/// disagree are where a few votes agreed by chance.
+void drop_lonely(Mesh& mesh) {
+  std::vector<std::uint8_t> is_held(mesh.vertices_mm.size(), 0);
+  for (const auto& triangle : mesh.triangles) {
+    if (!std::all_of(triangle.begin(), triangle.end(),
+                     [&](std::uint32_t v) { return mesh.observed[v] != 0; })) {
+      continue;
+    }
+    for (const std::uint32_t v : triangle) is_held[v] = 1;
+  }
+  for (std::size_t v = 0; v < is_held.size(); ++v) {
+    if (mesh.observed[v] == 0 || is_held[v] != 0) continue;
+    mesh.observed[v] = 0;
+    mesh.depth_sigma_mm[v] = std::numeric_limits<float>::quiet_NaN();
+  }
+}
+
 Result<Mesh> mesh_of(const Octree& octree, const SignedDistance& distance, const LeafFacts& facts,
                      const Run& run) {
   Mesh mesh = ALHAZEN_TRY(contour(octree, distance.value_mm, run));
@@ -487,6 +505,7 @@ Result<Reconstructed> Reconstruction::make_all(const Run& run) {
     const LeafFacts facts = facts_of(*solved, *depths, *distance);
     result.mesh = ALHAZEN_TRY(mesh_of(solved->octree, *distance, facts, mesh_steps.next()));
     check_observed(*solved, *depths, facts, result.mesh);
+    drop_lonely(result.mesh);
     mesh_steps.finish();
   }
   result.octree = std::move(solved->octree);

@@ -71,6 +71,16 @@ TEST(Reconstruction, SphereComesOutClosedAndRightWhereItWasObserved) {
   const std::size_t count = mesh.vertices_mm.size();
   ASSERT_EQ(mesh.normals.size(), count);
   ASSERT_EQ(mesh.consistency.size(), count);
+  // A single vertex that votes happen to agree on is no observation.
+  std::vector<std::uint8_t> is_held(count, 0);
+  for (const auto& triangle : mesh.triangles) {
+    if (mesh.observed[triangle[0]] == 0 || mesh.observed[triangle[1]] == 0 ||
+        mesh.observed[triangle[2]] == 0) {
+      continue;
+    }
+    for (const std::uint32_t v : triangle) is_held[v] = 1;
+  }
+  EXPECT_EQ(is_held, std::vector<std::uint8_t>(mesh.observed.begin(), mesh.observed.end()));
   ASSERT_EQ(mesh.observed.size(), count);
   ASSERT_EQ(mesh.depth_sigma_mm.size(), count);
   double sum2 = 0, z2 = 0;
