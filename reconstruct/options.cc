@@ -71,6 +71,19 @@ Status Options::is_valid() const {
       {"surface.max_iterations", static_cast<double>(surface.max_iterations), 1, 100000, false, ""},
       {"surface.data_weight", surface.data_weight, 0, 1e6, true, ""},
       {"surface.cut_weight", surface.cut_weight, 0, 1, true, ""},
+      {"refine.camera_px", refine.camera_px, 0, 100, true, " px"},
+      {"refine.camera_mm", refine.camera_mm, 0, 100, true, " mm"},
+      {"refine.display_mm", refine.display_mm, 0, 100, true, " mm"},
+      {"refine.display_rad", refine.display_rad, 0, 0.5, true, " rad"},
+      {"refine.axis_mm", refine.axis_mm, 0, 100, true, " mm"},
+      {"refine.axis_rad", refine.axis_rad, 0, 0.5, true, " rad"},
+      {"refine.points", static_cast<double>(refine.points), 30, 1000000, false, ""},
+      {"refine.held_out_share", refine.held_out_share, 0.05, 0.5, false, ""},
+      {"refine.min_points", static_cast<double>(refine.min_points), 10, 100000, false, ""},
+      {"refine.cone_rad", refine.cone_rad, 0, 1, true, " rad"},
+      {"refine.min_votes", static_cast<double>(refine.min_votes), 3, 100, false, ""},
+      {"refine.depth_mm", refine.depth_mm, 0, 10, true, " mm"},
+      {"refine.iterations", static_cast<double>(refine.iterations), 1, 50, false, ""},
   };
   for (const Allowed& option : all) {
     const bool is_above =

@@ -105,11 +105,45 @@ struct AdaptOptions {
   double min_consistency = 0.25;
 };
 
+/// Every tunable of the refinement of a calibration (reconstruct/refine/refine.h).
+struct RefineOptions {
+  /// Standard deviations of the calibration that is refined: of where a camera sees things (turns
+  /// about its centre; px, range (0, 100]) and of its centre's coordinates (mm, range (0, 100]),
+  double camera_px = 0.1;
+  double camera_mm = 0.01;
+  /// of each coordinate of a display's middle and of its turns (mm, range (0, 100]; rad, range (0,
+  /// 0.5]),
+  double display_mm = 0.2;
+  double display_rad = 7e-4;
+  /// of where the turntable's axis stands and of its tilt (mm, range (0, 100]; rad, range (0,
+  /// 0.5]).
+  double axis_mm = 0.01;
+  double axis_rad = 1e-4;
+  /// At most so many points of the surface, evenly picked. Range 30 … 1000000.
+  int points = 3000;
+  /// Share of them that only judges the result. Unit 1, range [0.05, 0.5].
+  double held_out_share = 1.0 / 3;
+  /// Fewer points at which votes agree, of each of the two kinds, and the calibration stays as it
+  /// is. Range 10 … 100000.
+  int min_points = 100;
+  /// Votes farther than this from a point's normal are left out. rad, range (0, 1].
+  double cone_rad = 0.02;
+  /// Points with fewer votes that agree are left out: three unknowns of its own take one and a
+  /// half. Range 3 … 100.
+  int min_votes = 4;
+  /// How far a point may be from the surface it was taken from, a standard deviation: what keeps
+  /// points of flat parts, whose votes know little of depth, in place. mm, range (0, 10].
+  double depth_mm = 0.1;
+  /// Gauss-Newton steps at most. Range 1 … 50.
+  int iterations = 6;
+};
+
 struct Options {
   AdaptOptions adapt;
   VoteOptions vote;
   DepthOptions depth;
   SurfaceOptions surface;
+  RefineOptions refine;
   /// For scans of normal maps alone. Votes at a leaf spread with the surface's curvature times the
   /// leaf's edge, as those of light maps do, but there is no finer information to wait for, so
   /// bandwidth and cones are wide enough for details of two leaves' radius.

@@ -441,6 +441,16 @@ Result<Reconstructed> Reconstruction::finish(const Run& run) {
   return made;
 }
 
+Result<RefinedRig> Reconstruction::refine(const Mesh& mesh, const Run& run) const {
+  std::vector<SurfacePoint> surface;
+  for (std::size_t i = 0; i < mesh.observed.size(); ++i) {
+    if (mesh.observed[i] != 0)
+      surface.push_back({mesh.vertices_mm[i], mesh.normals[i].cast<double>()});
+  }
+  return refine_rig(state_->observations, surface, state_->options.vote, state_->options.refine,
+                    run);
+}
+
 Result<Reconstructed> Reconstruction::make_all(const Run& run) {
   if (state_->observations.map_count() == 0) {
     return Error{Code::conflict, "no light map has come: there is nothing to reconstruct"};

@@ -8,6 +8,7 @@
 #include "reconstruct/mesh_io/mesh.h"
 #include "reconstruct/normals/normal_map.h"
 #include "reconstruct/options.h"
+#include "reconstruct/refine/refine.h"
 #include "reconstruct/run.h"
 #include "reconstruct/scan/light_map.h"
 #include "reconstruct/stage_time.h"
@@ -60,6 +61,11 @@ class Reconstruction {
 
   /// Fails: invalid (no map, nothing that agrees: no surface), cancelled, exhausted.
   [[nodiscard]] Result<Reconstructed> finish(const Run& run);
+
+  /// Refines the calibration from the light maps that came, at the observed vertices of a mesh that
+  /// finish() made of them. To reconstruct with it, add the maps to a Reconstruction with that rig.
+  /// Fails: as refine_rig().
+  [[nodiscard]] Result<RefinedRig> refine(const Mesh& mesh, const Run& run) const;
 
  private:
   struct State;

@@ -107,6 +107,9 @@ int main(int argc, char** argv) {
   run_command->add_option("--out", whole.out, "folder for the results; the scan directory if none");
   run_command->add_flag("--field", whole.has_field,
                         "also field.vtu: normals, consistency and cut of every leaf, for ParaView");
+  run_command->add_flag("--refine", whole.is_refined,
+                        "refine the calibration from the scan's own reflections first: "
+                        "rig_refined.json");
   run_command->callback([&] { work = [&](const Run& r) { return run_reconstruction(whole, r); }; });
 
   alhazen::ReportArgs report;

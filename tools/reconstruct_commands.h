@@ -31,6 +31,7 @@ struct RunArgs {
   std::filesystem::path reference;  ///< empty where there is none
   std::filesystem::path out;        ///< empty: into the scan directory
   bool has_field = false;           ///< writes field.vtu, too
+  bool is_refined = false;          ///< the calibration first, from the scan's own reflections
 };
 Status run_reconstruction(const RunArgs& args, const Run& run);
 

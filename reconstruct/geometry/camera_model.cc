@@ -40,6 +40,19 @@ std::optional<Eigen::Vector2d> CameraModel::project(const Eigen::Vector3d& p_cam
   return Eigen::Vector2d(fx_px * point.x() + cx_px, fy_px * point.y() + cy_px);
 }
 
+std::optional<CameraModel::Projection> CameraModel::project_with_slope(
+    const Eigen::Vector3d& p_camera_mm) const {
+  if (!(p_camera_mm.z() > 0)) return std::nullopt;
+  const Eigen::Vector2d flat = p_camera_mm.hnormalized();
+  const Distorted seen = distort(distortion, flat);
+  Eigen::Matrix<double, 2, 3> flat_slope;  // of (x/z, y/z)
+  flat_slope << 1, 0, -flat.x(), 0, 1, -flat.y();
+  flat_slope /= p_camera_mm.z();
+  const Eigen::Vector2d focal_px(fx_px, fy_px);
+  return Projection{focal_px.cwiseProduct(seen.point) + Eigen::Vector2d(cx_px, cy_px),
+                    focal_px.asDiagonal() * seen.jacobian * flat_slope};
+}
+
 Eigen::Vector3d CameraModel::direction(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d wanted((pixel.x() - cx_px) / fx_px, (pixel.y() - cy_px) / fy_px);
   // Newton from the distorted point: quadratic, so that ten steps leave only rounding wherever the

@@ -22,6 +22,15 @@ struct CameraModel {
   /// lie outside the picture.
   [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_camera_mm) const;
 
+  /// A pixel and how it moves with the point: d pixel / d point, px/mm.
+  struct Projection {
+    Eigen::Vector2d pixel;
+    Eigen::Matrix<double, 2, 3> slope;
+  };
+  /// project() with its derivative.
+  [[nodiscard]] std::optional<Projection> project_with_slope(
+      const Eigen::Vector3d& p_camera_mm) const;
+
   /// Unit direction (camera frame) that is seen at `pixel`: the inverse of project(), to 1e-9 px.
   [[nodiscard]] Eigen::Vector3d direction(const Eigen::Vector2d& pixel) const;
 

@@ -418,6 +418,14 @@ std::string provenance(const Report& report) {
   out += line("operator", escaped(p.operator_name));
   out += line("software", escaped(p.software_version));
   out += line("calibration of the rig", escaped(p.rig_hash));
+  if (report.refinement) {
+    const Refinement& how = *report.refinement;
+    out += line("refined from its reflections",
+                std::string(how.is_accepted ? "yes" : "no, kept") +
+                    "; votes at points not used disagree by " +
+                    fixed(1000 * how.held_out_after.median_rad, 3) + " mrad, before " +
+                    fixed(1000 * how.held_out_before.median_rad, 3));
+  }
   out += line("plan", whole(p.cameras) + " cameras × " + whole(p.stops) + " stops × " +
                           whole(p.displays) + " displays, " + escaped(p.coding));
   out += "</table>\n<table>";

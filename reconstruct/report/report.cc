@@ -25,6 +25,8 @@ constexpr int kFormat = 1;
 constexpr double kAny = std::numeric_limits<double>::max();
 // Bounds of what a report may say: far beyond any, they keep hostile files small.
 constexpr std::size_t kLongestText = 4096, kMostStages = 1000, kMostWarnings = 100'000;
+constexpr std::size_t kMostDevices = 1000;
+constexpr int kMostIterations = 1000;
 constexpr std::uint64_t kLargestReport = 64ULL << 20, kLargestSlice = 16ULL << 20;
 
 std::size_t index_of(std::uint64_t value) { return static_cast<std::size_t>(value); }
@@ -84,6 +86,28 @@ Json json_of(const ReconstructionFigures& r) {
           {"cut_gap", r.cut_gap},
           {"times", json_of(r.times)},
           {"warnings", r.warnings}};
+}
+
+Json json_of(const VoteResidual& r) {
+  return {{"points", r.points}, {"votes", r.votes}, {"median_rad", r.median_rad}};
+}
+
+Json json_of(const Refinement& r) {
+  Json shifts = Json::array();
+  for (const DeviceShift& shift : r.shifts)
+    shifts.push_back({{"name", shift.name},
+                      {"shift_mm", shift.shift_mm},
+                      {"turn_rad", shift.turn_rad},
+                      {"sigma_mm", shift.sigma_mm},
+                      {"sigma_rad", shift.sigma_rad}});
+  return {{"accepted", r.is_accepted},
+          {"refusal", r.refusal},
+          {"iterations", r.iterations},
+          {"used_before", json_of(r.used_before)},
+          {"used_after", json_of(r.used_after)},
+          {"held_out_before", json_of(r.held_out_before)},
+          {"held_out_after", json_of(r.held_out_after)},
+          {"shifts", shifts}};
 }
 
 Json json_of(const MeshFigures& m) {
@@ -218,6 +242,42 @@ Result<ReconstructionFigures> reconstruction_in(JsonFields fields) {
   return r;
 }
 
+Result<VoteResidual> residual_in(JsonFields fields) {
+  VoteResidual r;
+  r.points = ALHAZEN_TRY(count_in(fields, "points"));
+  r.votes = ALHAZEN_TRY(count_in(fields, "votes"));
+  r.median_rad = ALHAZEN_TRY(fields.number("median_rad", 0, kAny));
+  ALHAZEN_TRY(fields.all_known());
+  return r;
+}
+
+Result<Refinement> refinement_in(JsonFields fields) {
+  Refinement r;
+  r.is_accepted = ALHAZEN_TRY(fields.flag("accepted"));
+  r.refusal = ALHAZEN_TRY(fields.text("refusal", kLongestText));
+  r.iterations = ALHAZEN_TRY(fields.small("iterations", 0, kMostIterations));
+  for (const auto& [key, residual] : {std::pair{"used_before", &r.used_before},
+                                      {"used_after", &r.used_after},
+                                      {"held_out_before", &r.held_out_before},
+                                      {"held_out_after", &r.held_out_after}})
+    *residual = ALHAZEN_TRY(residual_in(ALHAZEN_TRY(fields.object(key))));
+  const nlohmann::json& list = *ALHAZEN_TRY(fields.list("shifts", 0, kMostDevices));
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    JsonFields entry = ALHAZEN_TRY(fields.entry("shifts", list, i));
+    DeviceShift shift;
+    shift.name = ALHAZEN_TRY(entry.text("name", kLongestText));
+    for (const auto& [key, number] : {std::pair{"shift_mm", &shift.shift_mm},
+                                      {"turn_rad", &shift.turn_rad},
+                                      {"sigma_mm", &shift.sigma_mm},
+                                      {"sigma_rad", &shift.sigma_rad}})
+      *number = ALHAZEN_TRY(entry.number(key, 0, kAny));
+    ALHAZEN_TRY(entry.all_known());
+    r.shifts.push_back(std::move(shift));
+  }
+  ALHAZEN_TRY(fields.all_known());
+  return r;
+}
+
 Result<MeshFigures> mesh_in(JsonFields fields) {
   MeshFigures m;
   m.vertices = ALHAZEN_TRY(count_in(fields, "vertices"));
@@ -289,6 +349,8 @@ Result<Report> report_in(const nlohmann::json& json) {
   report.capture = ALHAZEN_TRY(capture_in(ALHAZEN_TRY(fields.object("capture"))));
   report.reconstruction =
       ALHAZEN_TRY(reconstruction_in(ALHAZEN_TRY(fields.object("reconstruction"))));
+  if (!fields.is_null("refinement"))
+    report.refinement = ALHAZEN_TRY(refinement_in(ALHAZEN_TRY(fields.object("refinement"))));
   report.mesh = ALHAZEN_TRY(mesh_in(ALHAZEN_TRY(fields.object("mesh"))));
   report.reference = ALHAZEN_TRY(fields.text("reference", kLongestText));
   if (!fields.is_null("comparison"))
@@ -439,6 +501,7 @@ std::string Report::to_json() const {
                   {"provenance", json_of(provenance)},
                   {"capture", json_of(capture)},
                   {"reconstruction", json_of(reconstruction)},
+                  {"refinement", refinement ? json_of(*refinement) : Json()},
                   {"mesh", json_of(mesh)},
                   {"reference", reference},
                   {"comparison", comparison ? json_of(*comparison) : Json()}};
@@ -465,6 +528,12 @@ std::string Report::brief() const {
   if (provenance.normal_maps > 0) {
     text += printed("from        %zu normal maps, voxels %.3f mm\n", provenance.normal_maps,
                     reconstruction.voxel_mm);
+  }
+  if (refinement) {
+    const VoteResidual &before = refinement->held_out_before, &after = refinement->held_out_after;
+    text += printed("refined     %s; held-out votes disagree by %.3f mrad, %.3f before\n",
+                    refinement->is_accepted ? "yes" : "NO, calibration kept",
+                    1000 * after.median_rad, 1000 * before.median_rad);
   }
   if (comparison) {
     if (comparison->observed)

@@ -71,6 +71,7 @@ struct Report {
   Provenance provenance;
   CaptureFigures capture;
   ReconstructionFigures reconstruction;
+  std::optional<Refinement> refinement;  ///< of the calibration, where it was asked for
   MeshFigures mesh;
   std::optional<Comparison> comparison;  ///< where a reference was given
   std::string reference;                 ///< name of its file, empty where none was given

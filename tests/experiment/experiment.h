@@ -38,4 +38,7 @@ void add_mirror_rows(std::vector<Experiment>& list);
 /// Normal maps and photometric stereo (normals_rows.cc).
 void add_normal_rows(std::vector<Experiment>& list);
 
+/// A wrong calibration and its refinement (refine_rows.cc).
+void add_refine_rows(std::vector<Experiment>& list);
+
 }  // namespace alhazen::experiment

@@ -14,6 +14,7 @@ namespace alhazen::experiment {
 std::vector<Experiment> experiments() {
   std::vector<Experiment> list;
   add_mirror_rows(list);
+  add_refine_rows(list);
   add_normal_rows(list);
   return list;
 }

@@ -344,6 +344,37 @@ Rig make_rig(const RigSize& size) {
   return rig;
 }
 
+Rig with_error(const Rig& rig, const RigError& error) {
+  std::mt19937 random(error.seed);
+  std::normal_distribution<double> normal_noise(0, 1);
+  const auto draw = [&](double deviation) {
+    const double x = normal_noise(random), y = normal_noise(random), z = normal_noise(random);
+    return Vector3d(deviation * Vector3d(x, y, z));
+  };
+  Rig wrong = rig;
+  for (CameraModel& camera : wrong.cameras) {
+    const Vector3d by = draw(error.camera_px / camera.fx_px);
+    for (int axis = 0; axis < 3; ++axis) {
+      camera.camera_from_rig.rotation.col(axis) =
+          turned(camera.camera_from_rig.rotation.col(axis), by.normalized(), by.norm());
+    }
+    camera.camera_from_rig.translation_mm =
+        turned(camera.camera_from_rig.translation_mm, by.normalized(), by.norm());
+  }
+  for (DisplayModel& display : wrong.displays) {
+    const Vector3d to_middle = display.u_mm * ((display.width_px - 1) / 2.0) +
+                               display.v_mm * ((display.height_px - 1) / 2.0);
+    const Vector3d middle = display.origin_mm + to_middle + draw(error.display_mm);
+    const Vector3d by = draw(error.display_rad);
+    display.u_mm = turned(display.u_mm, by.normalized(), by.norm());
+    display.v_mm = turned(display.v_mm, by.normalized(), by.norm());
+    display.origin_mm = middle - turned(to_middle, by.normalized(), by.norm());
+  }
+  const Vector3d along = rig.turntable.direction.normalized(), slip = draw(error.axis_mm);
+  wrong.turntable.point_mm += slip - slip.dot(along) * along;
+  return wrong;
+}
+
 Region region_of(const Rig& rig, const CameraModel& camera, const Vector3d& centre_mm,
                  double radius_mm) {
   double low_x = camera.width_px, high_x = 0, low_y = camera.height_px, high_y = 0;

@@ -60,6 +60,17 @@ struct RigSize {
 /// the middle of the default volume; a slightly tilted, shifted axis.
 [[nodiscard]] Rig make_rig(const RigSize& size = {});
 
+/// How far a calibration lies from the truth: standard deviations, as `alhazen-world rig` draws
+/// them.
+struct RigError {
+  double camera_px = 0.05;       ///< of where a camera sees things: its turn about its three axes
+  double display_mm = 0.1;       ///< each coordinate of a display's middle
+  double display_rad = 3.49e-4;  ///< its turn about its three axes: 0.02°
+  double axis_mm = 0.005;        ///< where the turntable's axis stands, across it
+  std::uint32_t seed = 1;
+};
+[[nodiscard]] Rig with_error(const Rig& rig, const RigError& error);
+
 /// The light map of one display seen by one camera, exact but for `coding`. Pixels whose corners
 /// do not all see the same thing are Label::mixed; reflections that meet the mirror again are
 /// Label::second_bounce without a position.

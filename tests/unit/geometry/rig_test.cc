@@ -76,6 +76,26 @@ TEST(CameraModel, DirectionInvertsProject) {
     }
 }
 
+TEST(CameraModel, SlopeIsTheDerivativeOfProject) {
+  const CameraModel camera = some_camera();
+  std::mt19937 random(8);
+  std::uniform_real_distribution<double> across(-150, 150);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Vector3d p(across(random), across(random), 600 + across(random));
+    const auto seen = camera.project_with_slope(p);
+    ASSERT_TRUE(seen);
+    ASSERT_NEAR((seen->pixel - *camera.project(p)).norm(), 0, 1e-9);
+    constexpr double kStepMm = 1e-3;
+    for (int axis = 0; axis < 3; ++axis) {
+      const Eigen::Vector3d step = kStepMm * Eigen::Vector3d::Unit(axis);
+      const Eigen::Vector2d central =
+          (*camera.project(p + step) - *camera.project(p - step)) / (2 * kStepMm);
+      ASSERT_NEAR((seen->slope.col(axis) - central).norm(), 0, 1e-7);
+    }
+  }
+  EXPECT_FALSE(camera.project_with_slope({0, 0, -1}));
+}
+
 TEST(CameraModel, NothingBehindTheCameraHasAPixel) {
   EXPECT_FALSE(some_camera().project({0, 0, -1}));
   EXPECT_FALSE(some_camera().project({0, 0, 0}));

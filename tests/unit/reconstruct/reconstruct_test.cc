@@ -224,6 +224,28 @@ TEST(Reconstruction, SaysWhyThereIsNothing) {
   EXPECT_EQ(reconstruction->preview(kNobody).error().code, Code::conflict);
 }
 
+TEST(Reconstruction, RefinesItsCalibrationAtWhatItsMeshObserved) {
+  const SmallScan& scan = small_scan();
+  Reconstruction reconstruction = with_maps(scan.rig, scan.maps, 6);
+  const auto made = reconstruction.finish(kNobody);
+  ASSERT_TRUE(made) << made.error().text();
+  const auto refined = reconstruction.refine(made->mesh, kNobody);
+  ASSERT_TRUE(refined) << refined.error().text();
+  std::size_t observed = 0;
+  for (const auto flag : made->mesh.observed) observed += flag != 0 ? 1u : 0u;
+  const Refinement& how = refined->how;
+  EXPECT_LE(how.used_before.points + how.held_out_before.points, observed);
+  EXPECT_EQ(how.is_accepted, how.refusal.empty());
+  EXPECT_EQ(how.is_accepted, refined->rig.to_json() != scan.rig.to_json());
+  // Of a mesh that observed nothing nothing is refined.
+  Mesh unseen = made->mesh;
+  std::fill(unseen.observed.begin(), unseen.observed.end(), std::uint8_t{0});
+  const auto kept = reconstruction.refine(unseen, kNobody);
+  ASSERT_TRUE(kept);
+  EXPECT_FALSE(kept->how.is_accepted);
+  EXPECT_THAT(kept->how.refusal, HasSubstr("votes agree at 0 and 0 points"));
+}
+
 TEST(Reconstruction, RefusesWhatCannotBe) {
   const Rig& rig = small_scan().rig;
   const auto refused = [&](const Volume& volume, int level, const Options& options,
@@ -247,6 +269,9 @@ TEST(Reconstruction, RefusesWhatCannotBe) {
   options = {};
   options.depth.min_votes = 2;
   refused(kVolume, 7, options, "depth.min_votes is 2, allowed 3 to 100");
+  options = {};
+  options.refine.camera_px = 0;
+  refused(kVolume, 7, options, "refine.camera_px is 0 px, allowed above 0 to 100 px");
   options = {};
   options.adapt.adaptions = 11;
   refused(kVolume, 7, options, "adapt.adaptions is 11, allowed 1 to 10");

@@ -171,6 +171,14 @@ class ReportOfAScan : public ::testing::Test {
       const Mesh reference = sphere_mesh(kRadius_mm + 0.02, kCentre_mm, 5);
       auto report = make_report(*scan_, sphere_reconstructed(5), capture_, &reference, {});
       EXPECT_TRUE(report) << report.error().text();
+      report->refinement = Refinement{.is_accepted = true,
+                                      .refusal = "",
+                                      .iterations = 3,
+                                      .used_before = {2000, 50000, 5e-4},
+                                      .used_after = {2000, 50001, 1.1e-4},
+                                      .held_out_before = {1000, 25000, 5.1e-4},
+                                      .held_out_after = {999, 24990, 1.2e-4},
+                                      .shifts = {{"left", 0.001, 2e-5, 0.0005, 1e-6}}};
       return *std::move(report);
     }();
     return kReport;
@@ -202,6 +210,7 @@ TEST_F(ReportOfAScan, GathersWhatThePartsSay) {
   EXPECT_NEAR(*report.mesh.median_depth_sigma_mm, 0.004, 1e-6);
   EXPECT_THAT(report.brief(), HasSubstr("RMS 0.0"));
   EXPECT_THAT(report.brief(), HasSubstr("3 retakes"));
+  EXPECT_THAT(report.brief(), HasSubstr("refined     yes; held-out votes disagree by 0.120 mrad"));
 }
 
 TEST_F(ReportOfAScan, JsonGivesItBack) {
