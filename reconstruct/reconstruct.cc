@@ -431,6 +431,8 @@ Result<Reconstructed> Reconstruction::finish(const Run& run) {
   if (made) {
     made->times.insert(made->times.end(), times.begin(), times.end());
     made->warnings = std::move(faults);
+    // Only now: where a device is wrong, single vertices are what its votes leave of the surface.
+    drop_lonely(made->mesh);
     return made;
   }
   // That nothing agrees, which a preview may wait for to change, is the plan's fault now.
@@ -515,7 +517,6 @@ Result<Reconstructed> Reconstruction::make_all(const Run& run) {
     const LeafFacts facts = facts_of(*solved, *depths, *distance);
     result.mesh = ALHAZEN_TRY(mesh_of(solved->octree, *distance, facts, mesh_steps.next()));
     check_observed(*solved, *depths, facts, result.mesh);
-    drop_lonely(result.mesh);
     mesh_steps.finish();
   }
   result.octree = std::move(solved->octree);
