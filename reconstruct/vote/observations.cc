@@ -302,11 +302,11 @@ Status Observations::add(const LightMap& map) {
       positions.sigma_u_px = median_sigma(map, map.sigma_u_px, labels, box);
       positions.sigma_v_px = median_sigma(map, map.sigma_v_px, labels, box);
     }
-    const float gain = smooth_positions(positions, jump_u_px, jump_v_px);
+    smooth_positions(positions, jump_u_px, jump_v_px);
     seen.uv_px = std::move(positions.uv_px);
-    // A display error e seen from D away tilts the hypothesis by e / 2D.
-    seen.noise_rad = static_cast<float>(gain *
-                                        std::hypot(positions.sigma_u_px * seen.u_object_mm.norm(),
+    // A display error e seen from D away tilts the hypothesis by e / 2D. As large as before it was
+    // averaged: errors of coarse codes and of the calibration go together over many pixels.
+    seen.noise_rad = static_cast<float>(std::hypot(positions.sigma_u_px * seen.u_object_mm.norm(),
                                                    positions.sigma_v_px * seen.v_object_mm.norm()) /
                                         (2 * std::sqrt(2.0) * away_mm));
     seen.cells.assign((area(box) + 31) / 32, 0);
