@@ -17,8 +17,9 @@ set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O1 -g1")
 find_program(ALHAZEN_CCACHE ccache)
 if(ALHAZEN_CCACHE)
   # No hash of the build folder: clones of one tree share what was compiled.
+  # The sloppiness is what ccache asks for before it takes precompiled headers.
   set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${PROJECT_SOURCE_DIR}
-      CCACHE_NOHASHDIR=1 ${ALHAZEN_CCACHE})
+      CCACHE_NOHASHDIR=1 CCACHE_SLOPPINESS=pch_defines,time_macros ${ALHAZEN_CCACHE})
 endif()
 
 add_compile_options(-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wnon-virtual-dtor
@@ -55,6 +56,39 @@ pkg_check_modules(SYSTEMD REQUIRED IMPORTED_TARGET libsystemd)
 pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash)
 find_package(CLI11 REQUIRED)
 
+# The headers of others that many files read, read once a sanitizer build. The other builds go
+# without, so that a file that forgets an include fails there.
+set(ALHAZEN_PRECOMPILED <algorithm> <array> <chrono> <cmath> <filesystem> <fstream> <functional> <map>
+    <memory> <mutex> <optional> <random> <set> <span> <stop_token> <string> <string_view> <thread>
+    <utility> <variant> <vector> <Eigen/Core> <Eigen/Geometry> <Eigen/LU> <nlohmann/json.hpp>)
+if(ALHAZEN_SANITIZER)
+  function(alhazen_precompiled target)
+    target_link_libraries(${target} PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
+    target_precompile_headers(${target} PRIVATE ${ALHAZEN_PRECOMPILED} ${ARGN})
+    if(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
+      # With a time in it no two builds would share the file.
+      target_compile_options(${target} PRIVATE "SHELL:-Xclang -fno-pch-timestamp")
+    endif()
+  endfunction()
+  # A library's code and a program's differ in their flags: each kind has its own.
+  file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/precompiled.cc CONTENT "int main() {}\n")
+  add_library(alhazen_precompiled_library OBJECT ${CMAKE_BINARY_DIR}/precompiled.cc)
+  alhazen_precompiled(alhazen_precompiled_library)
+  add_executable(alhazen_precompiled_test ${CMAKE_BINARY_DIR}/precompiled.cc)
+  target_link_libraries(alhazen_precompiled_test PRIVATE GTest::gmock)
+  alhazen_precompiled(alhazen_precompiled_test <gmock/gmock.h> <gtest/gtest.h>)
+endif()
+
+# alhazen_precompile(TARGET library|test): TARGET's files begin with what was precompiled.
+function(alhazen_precompile target kind)
+  if(ALHAZEN_SANITIZER)
+    target_precompile_headers(${target} REUSE_FROM alhazen_precompiled_${kind})
+    if(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
+      target_compile_options(${target} PRIVATE "SHELL:-Xclang -fno-pch-timestamp")
+    endif()
+  endif()
+endfunction()
+
 # alhazen_library(NAME [PUBLIC targets…] [PRIVATE targets…])
 # The sources are all .cc files of the current folder's sub-folder with the last part of NAME's path.
 # Include paths start at the project's root: "reconstruct/vote/octree.h".
@@ -66,6 +100,7 @@ function(alhazen_library folder)
     add_library(alhazen_${name} STATIC ${sources})
     target_include_directories(alhazen_${name} PUBLIC ${PROJECT_SOURCE_DIR})
     target_link_libraries(alhazen_${name} PUBLIC alhazen::api ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE})
+    alhazen_precompile(alhazen_${name} library)
   else()
     add_library(alhazen_${name} INTERFACE)
     target_include_directories(alhazen_${name} INTERFACE ${PROJECT_SOURCE_DIR})
@@ -112,6 +147,7 @@ function(alhazen_test name)
   target_link_libraries(${target} PRIVATE alhazen::api ${ARG_LIBRARIES} GTest::gmock GTest::gtest_main)
   target_compile_definitions(${target} PRIVATE ALHAZEN_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
     ALHAZEN_BINARY_DIR="${CMAKE_BINARY_DIR}")
+  alhazen_precompile(${target} test)
   add_test(NAME ${ARG_LABEL}.${name} COMMAND ${target})
   set_tests_properties(${ARG_LABEL}.${name} PROPERTIES LABELS ${ARG_LABEL} TIMEOUT 900
     ENVIRONMENT "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/tests/tsan.supp:halt_on_error=1;LSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/tests/lsan.supp;ALHAZEN_DATA=$ENV{ALHAZEN_DATA}")
