@@ -34,7 +34,7 @@ std::uint8_t to_byte(float value) {
 
 }  // namespace
 
-std::array<View, 6> six_views() {
+std::array<ViewDirection, 6> six_views() {
   const Vector3d x = Vector3d::UnitX(), y = Vector3d::UnitY(), z = Vector3d::UnitZ();
   return {{{"front", x, z},
            {"right", y, z},
@@ -44,7 +44,7 @@ std::array<View, 6> six_views() {
            {"bottom", x, -y}}};
 }
 
-DrawnView::DrawnView(const Mesh& mesh, const View& view, const Vector3d& centre_mm,
+DrawnView::DrawnView(const Mesh& mesh, const ViewDirection& view, const Vector3d& centre_mm,
                      double extent_mm, int side_px)
     : mesh_(mesh),
       right_(view.right),

@@ -15,13 +15,13 @@ namespace alhazen {
 
 /// A direction to look at an object from, without perspective: right-handed, right × up points at
 /// the viewer.
-struct View {
+struct ViewDirection {
   const char* name;
   Eigen::Vector3d right, up;
 };
 
 /// Object frame, z up: front looks along +y.
-[[nodiscard]] std::array<View, 6> six_views();
+[[nodiscard]] std::array<ViewDirection, 6> six_views();
 
 /// Eight-bit red, green, blue, alpha; top row first.
 struct Picture8 {
@@ -34,8 +34,8 @@ class DrawnView {
  public:
   /// side_px × side_px; `extent_mm` of the object fit across, `centre_mm` in the middle.
   /// REQUIRES: indices within the vertices.
-  DrawnView(const Mesh& mesh, const View& view, const Eigen::Vector3d& centre_mm, double extent_mm,
-            int side_px);
+  DrawnView(const Mesh& mesh, const ViewDirection& view, const Eigen::Vector3d& centre_mm,
+            double extent_mm, int side_px);
 
   /// Lit from above the viewer's left shoulder, edges smooth, clear where there is no object.
   /// `relief` 0 … 1: how much the light models the form (less keeps colours readable).

@@ -234,14 +234,15 @@ Result<std::string> views(const Report& report, const Mesh& mesh) {
   const std::vector<Row> rows = rows_of(report, mesh);
   const auto six = six_views();
   std::vector<std::vector<std::string>> pictures(rows.size());
-  for (const View& view : six) {
+  for (const ViewDirection& view : six) {
     const DrawnView drawn(mesh, view, (low + high) / 2, extent_mm, kView_px);
     for (std::size_t row = 0; row < rows.size(); ++row)
       pictures[row].push_back(
           ALHAZEN_TRY(to_data_uri(drawn.coloured(rows[row].colour, rows[row].relief))));
   }
   std::string out = "<div class=\"views\">\n<span></span>";
-  for (const View& view : six) out += "<span class=\"head\">" + std::string(view.name) + "</span>";
+  for (const ViewDirection& view : six)
+    out += "<span class=\"head\">" + std::string(view.name) + "</span>";
   out += "\n";
   for (std::size_t row = 0; row < rows.size(); ++row) {
     out += "<div class=\"name\">" + rows[row].name + "<small>" + rows[row].explained + "</small>" +
