@@ -21,8 +21,6 @@ using Eigen::Vector3d;
 
 /// Points of the surface that are looked at: shares are known to 2 % then.
 constexpr std::size_t kPoints = 600;
-/// Of the mesh's vertices, those that votes agree on best.
-constexpr double kSurestShare = 0.25;
 /// A hypothesis agrees within this of the surface's normal; looks from nearer to grazing, where
 /// parts that stand before the point hide it first, do not count.
 constexpr double kAgreeRad = 0.05, kMinCosine = 0.25;
@@ -266,22 +264,15 @@ struct SurfacePoint {
   Eigen::Vector3f normal;
 };
 
-/// Spread over the part of the mesh that votes agree on best. Not over what was observed: that asks
-/// how well depths are known, and a wrong device leaves the more of them the wider their gates are.
-std::vector<SurfacePoint> surest_points(const Mesh& mesh) {
-  std::vector<std::size_t> surest(mesh.vertices_mm.size());
-  std::iota(surest.begin(), surest.end(), 0U);
-  const auto end = surest.begin() +
-                   static_cast<std::ptrdiff_t>(kSurestShare * static_cast<double>(surest.size()));
-  std::nth_element(surest.begin(), end, surest.end(), [&](std::size_t a, std::size_t b) {
-    return std::pair(-mesh.consistency[a], a) < std::pair(-mesh.consistency[b], b);
-  });
-  surest.erase(end, surest.end());
-  std::ranges::sort(surest);
+std::vector<SurfacePoint> measured_points(const Mesh& mesh) {
+  std::vector<std::size_t> measured;
+  for (std::size_t i = 0; i < mesh.observed.size(); ++i) {
+    if (mesh.observed[i] != 0) measured.push_back(i);
+  }
   std::vector<SurfacePoint> out;
-  const std::size_t count = std::min(kPoints, surest.size());
+  const std::size_t count = std::min(kPoints, measured.size());
   for (std::size_t k = 0; k < count; ++k) {
-    const std::size_t i = surest[k * surest.size() / count];
+    const std::size_t i = measured[k * measured.size() / count];
     out.push_back({mesh.vertices_mm[i], mesh.normals[i]});
   }
   return out;
@@ -616,7 +607,7 @@ Result<std::vector<std::string>> diagnose(Observations& observations, const Vote
   std::vector<SurfacePoint> points;
   double measured_share = 0;
   if (mesh != nullptr && !mesh->observed.empty()) {
-    points = surest_points(*mesh);
+    points = measured_points(*mesh);
     const auto measured = std::ranges::count_if(mesh->observed, [](auto o) { return o != 0; });
     measured_share = static_cast<double>(measured) / static_cast<double>(mesh->observed.size());
   }
