@@ -12,6 +12,8 @@
 #include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
+#include "reconstruct/decode/half_bits-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace alhazen::decode {
 namespace HWY_NAMESPACE {
@@ -308,17 +310,6 @@ HWY_INLINE void write_numbers(const AxisBits& axis, const AxisPlanes& planes, st
 HWY_INLINE hn::Mask<D32> mask_32(const std::uint8_t* plane, std::size_t pixel) {
   const auto bits = static_cast<std::uint8_t>(plane[pixel / 8] >> (pixel % 8));
   return hn::LoadMaskBits(D32(), hn::MaxLanes(D32()) < 8 ? &bits : plane + pixel / 8);
-}
-
-/// The nearest half's bits, of two equally near the even one; for numbers from 2^-14 to 65504. Not
-/// hn::DemoteTo(), which rounds so only where the processor does it.
-HWY_INLINE auto half_bits(V32 value) {
-  const hn::RebindToUnsigned<D32> du32;
-  constexpr std::uint32_t kLess = (127 - 15) << 10;  // the exponents' biases
-  const auto bits = hn::BitCast(du32, value);
-  const auto odd = hn::And(hn::ShiftRight<13>(bits), hn::Set(du32, 1));
-  const auto rounded = hn::ShiftRight<13>(hn::Add(bits, hn::Add(odd, hn::Set(du32, 0xFFF))));
-  return hn::Sub(rounded, hn::Set(du32, kLess));
 }
 
 template <class Dn>

@@ -7,6 +7,8 @@
 //
 #include <hwy/highway.h>
 
+#include "reconstruct/decode/half_bits-inl.h"
+
 HWY_BEFORE_NAMESPACE();
 namespace alhazen::decode {
 namespace HWY_NAMESPACE {
@@ -21,21 +23,6 @@ using DI32 = hn::RebindToSigned<D32>;
 using DU32 = hn::RebindToUnsigned<D32>;
 using V32 = hn::Vec<D32>;
 using VU32 = hn::Vec<DU32>;
-
-constexpr std::uint32_t kLess = (127 - 15) << 10;  // exponents' biases, in a half's bits
-
-/// Bits of the nearest half, of two equally near the even one, and back; from 2^-14 to 65504. Not
-/// Highway's own, which rounds so only where the processor does it.
-HWY_INLINE VU32 half_bits(V32 value) {
-  const DU32 du32;
-  const auto bits = hn::BitCast(du32, value);
-  const auto odd = hn::And(hn::ShiftRight<13>(bits), hn::Set(du32, 1));
-  const auto rounded = hn::ShiftRight<13>(hn::Add(bits, hn::Add(odd, hn::Set(du32, 0xFFF))));
-  return hn::Sub(rounded, hn::Set(du32, kLess));
-}
-HWY_INLINE V32 from_half_bits(VU32 bits) {
-  return hn::BitCast(D32(), hn::ShiftLeft<13>(hn::Add(bits, hn::Set(DU32(), kLess))));
-}
 
 HWY_INLINE V32 turns_of(V32 y, V32 x) {
   const D32 d;

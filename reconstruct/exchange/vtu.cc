@@ -210,17 +210,9 @@ Status write_vtu(const Octree& octree, const NormalField& field,
       computed<std::uint8_t>("level", "UInt8", cells,
                              [&](std::size_t i) { return octree.leaves()[i].level; })};
 
-  const std::filesystem::path partial = aside(file);
-  std::ofstream out(partial, std::ios::binary | std::ios::trunc);
-  if (!out) return Error{Code::unavailable, "cannot create '" + partial.string() + "'"};
-  write(out, corners.size(), cells, coordinates, structure, data);
-  out.close();
-  if (!out) {
-    std::error_code ignored;
-    std::filesystem::remove(partial, ignored);
-    return Error{Code::exhausted, "cannot write '" + partial.string() + "' to its end"};
-  }
-  return make_stand(file);
+  return write_file_safely(file, [&](std::ofstream& out) {
+    write(out, corners.size(), cells, coordinates, structure, data);
+  });
 }
 
 }  // namespace alhazen

@@ -430,24 +430,10 @@ Status write_normal_map(const NormalMap& map, const std::filesystem::path& file)
         caught(Code::internal, "encoding '" + file.string() + "'", [&] { return to_png(map); }));
     return write_file_safely(file, {reinterpret_cast<const char*>(png.data()), png.size()});
   }
-  const std::filesystem::path partial = aside(file);
-  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
-  if (!stream) return Error{Code::unavailable, "cannot create '" + partial.string() + "'"};
-  Status written = caught(Code::exhausted, "writing '" + partial.string() + "'", [&]() -> Status {
-    Imf::StdOFStream out(stream, partial.c_str());
+  return write_file_safely(file, [&](std::ofstream& stream) {
+    Imf::StdOFStream out(stream, file.c_str());
     write_exr(map, out);
-    return {};
   });
-  stream.close();
-  if (written && !stream) {
-    written = Error{Code::exhausted, "cannot write '" + partial.string() + "' to its end"};
-  }
-  if (!written) {
-    std::error_code ignored;
-    std::filesystem::remove(partial, ignored);
-    return written;
-  }
-  return make_stand(file);
 }
 
 }  // namespace alhazen

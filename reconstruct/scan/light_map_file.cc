@@ -362,24 +362,10 @@ Status write_light_map(const LightMap& map, const std::filesystem::path& file) {
                  "the light map's lists are not of its region's size, or the region is empty"};
   }
   ALHAZEN_TRY(check_values(map));
-  const std::filesystem::path partial = aside(file);
-  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
-  if (!stream) return Error{Code::unavailable, "cannot create '" + partial.string() + "'"};
-  Status written = caught(Code::exhausted, "writing '" + partial.string() + "'", [&]() -> Status {
-    Imf::StdOFStream out(stream, partial.c_str());
+  return write_file_safely(file, [&](std::ofstream& stream) {
+    Imf::StdOFStream out(stream, file.c_str());
     write_exr(map, out);
-    return {};
   });
-  stream.close();
-  if (written && !stream) {
-    written = Error{Code::exhausted, "cannot write '" + partial.string() + "' to its end"};
-  }
-  if (!written) {
-    std::error_code ignored;
-    std::filesystem::remove(partial, ignored);
-    return written;
-  }
-  return make_stand(file);
 }
 
 Result<LightMap> parse_light_map(std::string_view bytes) {

@@ -6,7 +6,10 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <fstream>
 #include <system_error>
+
+#include "alhazen/caught.h"
 
 namespace alhazen {
 namespace {
@@ -48,18 +51,7 @@ Status write_all(const Descriptor& out, std::string_view bytes, const fs::path& 
   return {};
 }
 
-}  // namespace
-
-fs::path aside(const fs::path& file) {
-  return file.parent_path() / ("." + file.filename().string() + ".partial");
-}
-
-Status sync_folder(const fs::path& folder) {
-  const Descriptor in(folder.empty() ? fs::path(".") : folder, O_RDONLY | O_DIRECTORY);
-  if (!in || ::fsync(in.value()) != 0) return failure("sync folder", folder);
-  return {};
-}
-
+/// Sync, rename and the folder's sync; where they fail, the file aside is gone.
 Status make_stand(const fs::path& file) {
   const fs::path partial = aside(file);
   Status done = [&]() -> Status {
@@ -74,6 +66,18 @@ Status make_stand(const fs::path& file) {
   return done;
 }
 
+}  // namespace
+
+fs::path aside(const fs::path& file) {
+  return file.parent_path() / ("." + file.filename().string() + ".partial");
+}
+
+Status sync_folder(const fs::path& folder) {
+  const Descriptor in(folder.empty() ? fs::path(".") : folder, O_RDONLY | O_DIRECTORY);
+  if (!in || ::fsync(in.value()) != 0) return failure("sync folder", folder);
+  return {};
+}
+
 Status write_file_safely(const fs::path& file, std::string_view bytes) {
   const fs::path partial = aside(file);
   {
@@ -84,6 +88,23 @@ Status write_file_safely(const fs::path& file, std::string_view bytes) {
       ::unlink(partial.c_str());
       return written;
     }
+  }
+  return make_stand(file);
+}
+
+Status write_file_safely(const fs::path& file, const std::function<void(std::ofstream&)>& write) {
+  const fs::path partial = aside(file);
+  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
+  if (!stream) return failure("create", partial);
+  Status written =
+      caught(Code::exhausted, "writing '" + partial.string() + "'", [&] { write(stream); });
+  stream.close();
+  if (written && !stream) {
+    written = Error{Code::exhausted, "cannot write '" + partial.string() + "' to its end"};
+  }
+  if (!written) {
+    ::unlink(partial.c_str());
+    return written;
   }
   return make_stand(file);
 }

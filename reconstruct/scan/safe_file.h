@@ -2,6 +2,8 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <iosfwd>
 #include <string>
 #include <string_view>
 
@@ -13,11 +15,14 @@ namespace alhazen {
 /// the folder. Fails: exhausted (no space), unavailable (folder missing, read-only).
 Status write_file_safely(const std::filesystem::path& file, std::string_view bytes);
 
-/// The two halves of the same, for files that a library writes: where to write aside of `file`, and
-/// the fsync, rename and fsync that make it stand. A file left aside by a crash is overwritten.
+/// The same for what a library writes: `write` is called once with the stream, and may throw.
+/// Fails: as write_file_safely(), exhausted where `write` throws.
+Status write_file_safely(const std::filesystem::path& file,
+                         const std::function<void(std::ofstream&)>& write);
+
+/// Where what is to become `file` (or folder) is written before it stands; what a crash left there
+/// is overwritten.
 [[nodiscard]] std::filesystem::path aside(const std::filesystem::path& file);
-/// Fails: as write_file_safely(); the aside file is gone then.
-Status make_stand(const std::filesystem::path& file);
 
 /// Appends to a file (made where it is missing) and syncs it. A crash may leave a part of `bytes`,
 /// a failure leaves nothing of them. Fails: as write_file_safely().

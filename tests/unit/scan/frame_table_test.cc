@@ -46,7 +46,7 @@ TEST(FrameTable, EveryComplaintNamesTheLine) {
   const std::string good = "a.png,left,north,0,0,1000,white,-,,,,,\n";
   const std::pair<std::string, const char*> wrongs[] = {
       {"", "line 1: no line names the columns"},
-      {kHead, "the table names no frame"},
+      {kHead, "the table has no line beside its names"},
       {"file,colour\n", "line 1: unknown column 'colour'"},
       {"file,file\n", "line 1: column 'file' twice"},
       {"file,camera\n", "line 1: column 'display' is missing"},
