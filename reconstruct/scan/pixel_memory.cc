@@ -6,6 +6,7 @@
 #include <array>
 #include <mutex>
 #include <new>
+#include <optional>
 
 namespace alhazen {
 namespace {
@@ -28,6 +29,18 @@ struct Kept {
   std::mutex lock;
   std::array<Block, kMostKeptBytes / kLeastKeptBytes> blocks;
   std::size_t count = 0, bytes = 0;
+  std::size_t used_bytes = 0, most_used_bytes = 0;  ///< by blocks that could be kept
+
+  void use(std::size_t more_bytes) {
+    used_bytes += more_bytes;
+    most_used_bytes = std::max(most_used_bytes, used_bytes);
+  }
+  /// The oldest that must go for `more_bytes` to be kept besides; called until there is none.
+  std::optional<Block> surplus(std::size_t more_bytes) {
+    const std::size_t most = std::min(kMostKeptBytes, most_used_bytes - used_bytes);
+    if (count == 0 || bytes + more_bytes <= most) return std::nullopt;
+    return remove(0);
+  }
 
   Block remove(std::size_t i) {
     const Block block = blocks[i];
@@ -46,6 +59,8 @@ Kept& kept() {
   return instance;
 }
 
+bool may_keep(std::size_t bytes) { return bytes >= kLeastKeptBytes && bytes <= kMostKeptBytes; }
+
 void release(const Block& block) noexcept {
   ::operator delete(block.memory, alignment_of(block.bytes));
 }
@@ -53,13 +68,15 @@ void release(const Block& block) noexcept {
 }  // namespace
 
 void* take_pixels(std::size_t bytes) {
-  if (bytes >= kLeastKeptBytes) {
+  if (may_keep(bytes)) {
     Kept& store = kept();
     const std::lock_guard hold(store.lock);
+    store.use(bytes);
     // The youngest: it may still be in a cache.
     for (std::size_t i = store.count; i-- > 0;) {
       if (store.blocks[i].bytes == bytes) return store.remove(i).memory;
     }
+    while (const auto oldest = store.surplus(0)) release(*oldest);
   }
   void* memory = ::operator new(bytes, alignment_of(bytes));
   // A hint: where it is not followed, pages are small.
@@ -68,10 +85,11 @@ void* take_pixels(std::size_t bytes) {
 }
 
 void give_pixels(void* block, std::size_t bytes) noexcept {
-  if (bytes < kLeastKeptBytes || bytes > kMostKeptBytes) return release({block, bytes});
+  if (!may_keep(bytes)) return release({block, bytes});
   Kept& store = kept();
   const std::lock_guard hold(store.lock);
-  while (store.bytes + bytes > kMostKeptBytes) release(store.remove(0));
+  store.used_bytes -= bytes;
+  while (const auto oldest = store.surplus(bytes)) release(*oldest);
   store.blocks[store.count++] = {block, bytes};
   store.bytes += bytes;
 }

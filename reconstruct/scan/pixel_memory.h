@@ -8,9 +8,10 @@ namespace alhazen {
 inline constexpr std::size_t kPixelAlignment = 64;
 
 /// Memory for lists as long as a sensor has pixels; what is in it is undefined. Blocks that were
-/// given back are kept, kMostKeptBytes in all, the oldest are released first: a scan decodes map
-/// after map of the same size, and the system clears each page of new memory when it is first
-/// touched, which takes longer than decoding into it. Thread-safe. Throws std::bad_alloc.
+/// given back are kept: a scan decodes map after map of the same size, and the system clears each
+/// page of new memory when it is first touched, which takes longer than decoding into it. What is
+/// kept and what is in use are together never more than was once in use at once, and kMostKeptBytes
+/// are kept at most; the oldest go first. Thread-safe. Throws std::bad_alloc.
 [[nodiscard]] void* take_pixels(std::size_t bytes);
 /// `block` came from take_pixels(bytes).
 void give_pixels(void* block, std::size_t bytes) noexcept;

@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <thread>
 #include <vector>
@@ -52,6 +54,21 @@ TEST(PixelMemory, KeepsNoMoreThanItMay) {
   EXPECT_EQ(take_pixels(5 * kMiB), block);
   EXPECT_LT(kept_pixel_bytes(), before);
   give_pixels(block, 5 * kMiB);
+}
+
+TEST(PixelMemory, HoldsNoMoreThanWasOnceInUseAtOnce) {
+  // In a process of its own, that used nothing before.
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
+  EXPECT_EXIT(
+      {
+        std::size_t most = 0;
+        for (std::size_t i = 0; i < 40; ++i) {
+          give_pixels(take_pixels(8 * kMiB + 64 * i), 8 * kMiB + 64 * i);
+          most = std::max(most, kept_pixel_bytes());
+        }
+        std::_Exit(most >= 8 * kMiB && most <= 8 * kMiB + 64 * 39 ? 0 : 1);
+      },
+      testing::ExitedWithCode(0), "");
 }
 
 TEST(PixelMemory, LeavesSmallAndHugeBlocksToTheSystem) {
