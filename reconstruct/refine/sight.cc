@@ -31,27 +31,27 @@ std::optional<Place> place_of(const Observation& seen, const Vector2d& pixel) {
   return place;
 }
 
-std::size_t index_of(const Observation& seen, int column, int row) {
-  return static_cast<std::size_t>(row) * static_cast<std::size_t>(seen.box.width) +
-         static_cast<std::size_t>(column);
-}
-
-bool is_cell(const Observation& seen, std::size_t cell) {
+bool is_cell(const Observation& seen, int column, int row) {
+  const std::size_t cell =
+      static_cast<std::size_t>(row) * static_cast<std::size_t>(seen.box.width) +
+      static_cast<std::size_t>(column);
   return (seen.cells[cell / 32] >> (cell % 32) & 1U) != 0;
 }
 
-Vector2d position_px(const Observation& seen, std::size_t pixel) {
-  return {double{seen.uv_px[2 * pixel]}, double{seen.uv_px[2 * pixel + 1]}};
+/// REQUIRES: a corner of a cell.
+Vector2d position_px(const Observation& seen, int column, int row) {
+  const auto pair = static_cast<std::size_t>(seen.row_pair[static_cast<std::size_t>(row)] + column);
+  return {double{seen.uv_px[2 * pair]}, double{seen.uv_px[2 * pair + 1]}};
 }
 
 /// The position, as voting reads it: bilinear between four that do not jump.
 std::optional<Vector2d> read(const Observation& seen, const Place& at) {
-  const std::size_t cell = index_of(seen, at.column, at.row);
-  if (!is_cell(seen, cell)) return std::nullopt;
-  const std::size_t below = index_of(seen, at.column, at.row + 1);
-  return (1 - at.fy) *
-             ((1 - at.fx) * position_px(seen, cell) + at.fx * position_px(seen, cell + 1)) +
-         at.fy * ((1 - at.fx) * position_px(seen, below) + at.fx * position_px(seen, below + 1));
+  if (!is_cell(seen, at.column, at.row)) return std::nullopt;
+  const auto along = [&](int row) -> Vector2d {
+    return (1 - at.fx) * position_px(seen, at.column, row) +
+           at.fx * position_px(seen, at.column + 1, row);
+  };
+  return (1 - at.fy) * along(at.row) + at.fy * along(at.row + 1);
 }
 
 /// How the position changes from pixel to pixel (columns: right, down), by the quadratic that fits
@@ -76,10 +76,10 @@ std::optional<Eigen::Matrix2d> slope_of(const Observation& seen, const Place& at
   Vector2d by_x = Vector2d::Zero(), by_y = by_x, by_xx = by_x, by_yy = by_x, by_xy = by_x;
   for (int dy = -kReach; dy <= kReach + 1; ++dy) {
     for (int dx = -kReach; dx <= kReach + 1; ++dx) {
-      const std::size_t pixel = index_of(seen, at.column + dx, at.row + dy);
-      if (dx <= kReach && dy <= kReach && !is_cell(seen, pixel)) return std::nullopt;
+      const int column = at.column + dx, row = at.row + dy;
+      if (dx <= kReach && dy <= kReach && !is_cell(seen, column, row)) return std::nullopt;
       const double x = dx - 0.5, y = dy - 0.5;
-      const Vector2d uv = position_px(seen, pixel);
+      const Vector2d uv = position_px(seen, column, row);
       by_x += x * uv;
       by_y += y * uv;
       by_xx += (x * x - mean2) * uv;

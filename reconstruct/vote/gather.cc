@@ -187,6 +187,7 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
       grow(z_, written + count + kPadding);
       kernels::MapView map;
       map.uv_px = seen.uv_px.data();
+      map.row_pair = seen.row_pair.data();
       map.cells = seen.cells.data();
       map.box_x = static_cast<float>(seen.box.x);
       map.box_y = static_cast<float>(seen.box.y);

@@ -118,8 +118,10 @@ std::size_t look_up_impl(const MapView& map, const float* x_mm, const float* y_m
     const auto column = hn::ConvertTo(di, x), row = hn::ConvertTo(di, y);
     const auto fx = hn::Sub(x, hn::ConvertTo(d, column));
     const auto fy = hn::Sub(y, hn::ConvertTo(d, row));
-    const auto above = hn::ShiftLeft<1>(hn::Add(hn::Mul(row, width), column));
-    const auto below = hn::Add(above, hn::ShiftLeft<1>(width));
+    const auto pair_in = [&](const std::int32_t* row_pair) HWY_ATTR {
+      return hn::ShiftLeft<1>(hn::Add(hn::GatherIndex(di, row_pair, row), column));
+    };
+    const auto above = pair_in(map.row_pair), below = pair_in(map.row_pair + 1);
     const auto two = hn::Set(di, 2);
     const auto between = [&](const float* base) HWY_ATTR {
       const auto a = hn::GatherIndex(d, base, above);

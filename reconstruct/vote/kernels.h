@@ -24,6 +24,7 @@ void project(const LocalProjection& projection, const float* x_mm, const float* 
 /// What look_up() needs of one observation. Vectors relative to the same centre.
 struct MapView {
   const float* uv_px = nullptr;
+  const std::int32_t* row_pair = nullptr;  ///< as in Observation
   const std::uint32_t* cells = nullptr;
   float box_x = 0, box_y = 0;
   int width = 0, height = 0;

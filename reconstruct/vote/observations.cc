@@ -190,9 +190,48 @@ bool Observation::may_see(double x0, double y0, double x1, double y1) const {
 }
 
 std::size_t Observation::bytes() const noexcept {
-  return uv_px.size() * sizeof(float) + cells.size() * sizeof(std::uint32_t) + tiles.size() +
-         sight_px.size() + sizeof(Observation);
+  return uv_px.size() * sizeof(float) + (row_pair.size() + cells.size()) * sizeof(std::uint32_t) +
+         tiles.size() + sight_px.size() + sizeof(Observation);
 }
+
+namespace {
+
+/// Fills the lists of positions from those of the whole box: what the cells use of each row.
+void keep_rows(const Positions& positions, Observation& seen) {
+  const auto is_cell = [&](int x, int y) {
+    const auto cell = static_cast<std::size_t>(y) * static_cast<std::size_t>(seen.box.width) +
+                      static_cast<std::size_t>(x);
+    return (seen.cells[cell / 32] >> (cell % 32) & 1U) != 0;
+  };
+  // A cell uses its row and the next.
+  std::vector<std::pair<int, int>> used(static_cast<std::size_t>(seen.box.height),
+                                        {seen.box.width, 0});
+  std::size_t pairs = 0;
+  for (int y = 0; y < seen.box.height; ++y) {
+    auto& [begin, end] = used[static_cast<std::size_t>(y)];
+    for (int x = 0; y + 1 < seen.box.height && x + 1 < seen.box.width; ++x) {
+      if (!is_cell(x, y)) continue;
+      begin = std::min(begin, x);
+      end = std::max(end, x + 2);
+      auto& [next_begin, next_end] = used[static_cast<std::size_t>(y) + 1];
+      next_begin = std::min(next_begin, x);
+      next_end = std::max(next_end, x + 2);
+    }
+    pairs += static_cast<std::size_t>(std::max(0, end - begin));
+  }
+  seen.uv_px.reserve(2 * pairs);
+  seen.row_pair.reserve(used.size());
+  for (int y = 0; y < seen.box.height; ++y) {
+    const auto [begin, end] = used[static_cast<std::size_t>(y)];
+    seen.row_pair.push_back(static_cast<std::int32_t>(seen.uv_px.size() / 2) - begin);
+    if (begin >= end) continue;
+    const auto row = positions.uv_px.begin() + 2 * static_cast<std::ptrdiff_t>(y) *
+                                                   static_cast<std::ptrdiff_t>(seen.box.width);
+    seen.uv_px.insert(seen.uv_px.end(), row + 2 * begin, row + 2 * end);
+  }
+}
+
+}  // namespace
 
 Observations::Observations(Rig rig, const VoteOptions& options,
                            const Eigen::Vector3d& centre_object_mm)
@@ -303,7 +342,6 @@ Status Observations::add(const LightMap& map) {
       positions.sigma_v_px = median_sigma(map, map.sigma_v_px, labels, box);
     }
     smooth_positions(positions, jump_u_px, jump_v_px);
-    seen.uv_px = std::move(positions.uv_px);
     // A display error e seen from D away tilts the hypothesis by e / 2D. As large as before it was
     // averaged: errors of coarse codes and of the calibration go together over many pixels.
     seen.noise_rad = static_cast<float>(std::hypot(positions.sigma_u_px * seen.u_object_mm.norm(),
@@ -314,10 +352,10 @@ Status Observations::add(const LightMap& map) {
     const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
     seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);
     const auto is_smooth = [&](const std::size_t(&corner)[4], std::size_t axis, float bound) {
-      float low = seen.uv_px[2 * corner[0] + axis], high = low;
+      float low = positions.uv_px[2 * corner[0] + axis], high = low;
       for (const std::size_t c : corner) {
-        low = std::min(low, seen.uv_px[2 * c + axis]);
-        high = std::max(high, seen.uv_px[2 * c + axis]);
+        low = std::min(low, positions.uv_px[2 * c + axis]);
+        high = std::max(high, positions.uv_px[2 * c + axis]);
       }
       return high - low <= bound;
     };
@@ -336,6 +374,7 @@ Status Observations::add(const LightMap& map) {
                    static_cast<std::size_t>(x / Observation::kTilePx)] = 1;
       }
     }
+    keep_rows(positions, seen);
   }
   const Region sight = box_of(map, labels, Label::direct_sight);
   if (area(sight) > 0) {

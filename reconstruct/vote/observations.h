@@ -24,12 +24,15 @@ struct Observation {
   Eigen::Vector3d inward_object;  ///< unit normal into the screen
   float noise_rad = 0;  ///< median standard deviation of a hypothesis by the map's own sigmas
 
-  /// Mirror positions: the box of sensor pixels that holds all of them, (u, v) pairs row by row,
-  /// and one bit per *cell* (the square between four pixels, named by the top left one): all four
-  /// have a position and do not jump.
+  /// Mirror positions: the box of sensor pixels that holds all of them, and one bit per *cell* (the
+  /// square between four pixels, named by the top left one): all four have a position and do not
+  /// jump. Of each row the (u, v) pairs from the first to the last pixel of a cell, row after row:
+  /// a display's reflection fills little of its box. Pixel (x, y) of the box has pair
+  /// row_pair[y] + x, which is negative only where there is none.
   Region box;
-  std::vector<float> uv_px;
   std::vector<std::uint32_t> cells;
+  std::vector<float> uv_px;
+  std::vector<std::int32_t> row_pair;
   /// One byte per kTilePx × kTilePx cells, row by row: 1 if any of them is set.
   std::vector<std::uint8_t> tiles;
 

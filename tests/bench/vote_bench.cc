@@ -170,7 +170,10 @@ void look_up(benchmark::State& state) {
   std::vector<float> uv(2 * kSide * kSide, 500);
   std::vector<std::uint32_t> cells(kSide * kSide / 32, ~0u);
   kernels::MapView map;
+  std::vector<std::int32_t> row_pair;
+  for (int y = 0; y < kSide; ++y) row_pair.push_back(y * kSide);
   map.uv_px = uv.data();
+  map.row_pair = row_pair.data();
   map.cells = cells.data();
   map.width = map.height = kSide;
   const float origin[3] = {-250, 400, 150}, u[3] = {0.27F, 0, 0}, v[3] = {0, 0, -0.27F};

@@ -204,7 +204,14 @@ class LookUp : public testing::Test {
         }
       }
     }
-    map_.uv_px = uv_.data();
+    // Rows of pairs one after the other, a gap behind each: where they begin is free.
+    for (int y = kHeight; y-- > 0;) {
+      pairs_.insert(pairs_.end(), uv_.begin() + 2 * y * kWidth, uv_.begin() + 2 * (y + 1) * kWidth);
+      pairs_.insert(pairs_.end(), 6, -1e6F);
+      row_pair_.insert(row_pair_.begin(), (kHeight - 1 - y) * (kWidth + 3));
+    }
+    map_.uv_px = pairs_.data();
+    map_.row_pair = row_pair_.data();
     map_.cells = cells_.data();
     map_.box_x = 200;
     map_.box_y = 300;
@@ -259,7 +266,8 @@ class LookUp : public testing::Test {
     return n.normalized();
   }
 
-  std::vector<float> uv_, x_, y_, z_;
+  std::vector<float> uv_, pairs_, x_, y_, z_;
+  std::vector<std::int32_t> row_pair_;
   std::vector<std::uint32_t> cells_;
   kernels::MapView map_;
   kernels::LocalProjection projection_;
