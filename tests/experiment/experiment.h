@@ -33,8 +33,12 @@ struct Experiment {
 /// All of them in the table's order. Each source of rows adds its own.
 [[nodiscard]] std::vector<Experiment> experiments();
 
-/// Light maps of mirrors: sphere, bunny, block with pits, sharp and thin shapes (mirror_rows.cc).
+/// Light maps of mirrors: sphere, bunny (mirror_rows.cc).
 void add_mirror_rows(std::vector<Experiment>& list);
+/// Block with pits, sharp and thin shapes (shape_rows.cc).
+void add_shape_rows(std::vector<Experiment>& list);
+/// Time and memory against levels, maps and threads, votes against their bound (growth_rows.cc).
+void add_growth_rows(std::vector<Experiment>& list);
 /// Normal maps and photometric stereo (normals_rows.cc).
 void add_normal_rows(std::vector<Experiment>& list);
 

@@ -14,8 +14,10 @@ namespace alhazen::experiment {
 std::vector<Experiment> experiments() {
   std::vector<Experiment> list;
   add_mirror_rows(list);
+  add_shape_rows(list);
   add_refine_rows(list);
   add_normal_rows(list);
+  add_growth_rows(list);
   return list;
 }
 

@@ -133,7 +133,6 @@ Result<Scan> simulated_scan(const std::filesystem::path& cache, const ScanRecipe
   request.choices.coding = recipe.coding;
   request.choices.level = recipe.level;
   request.choices.edge_mm = recipe.edge_mm;
-  if (!recipe.displays.empty()) request.choices.displays = recipe.displays;
   const Manifest plan = ALHAZEN_TRY(
       make_plan(request, {}, rig, facts_of(scene), {"simulated", "2000-01-01T00:00:00Z", "0"}));
   const std::filesystem::path directory = cache / name_of(recipe, plan);

@@ -15,9 +15,8 @@ namespace alhazen::experiment {
 
 /// What is scanned, and how.
 struct ScanRecipe {
-  std::string world;                  ///< file of config/worlds without its ending
-  sim::SceneOverrides overrides;      ///< object mesh, size, up
-  std::vector<std::string> displays;  ///< empty: all of the world
+  std::string world;              ///< file of config/worlds without its ending
+  sim::SceneOverrides overrides;  ///< object mesh, size, up
   Coding coding = Coding::gray;
   int stops = 24;
   int level = 9;
