@@ -320,7 +320,7 @@ TEST_F(ReportOfAScan, CaptureFiguresComeFromTheDirectory) {
 
 TEST(Draw, SphereFillsTheRightDisc) {
   const Mesh mesh = sphere_mesh(10, {5, 6, 7}, 5);
-  for (const View& view : six_views()) {
+  for (const ViewDirection& view : six_views()) {
     const DrawnView drawn(mesh, view, {5, 6, 7}, 40, 100);
     // Red where the vertex faces the viewer: every seen cell must be red.
     const Vector3d toward = view.right.cross(view.up);
@@ -344,7 +344,7 @@ TEST(Draw, SphereFillsTheRightDisc) {
 
 TEST(Draw, PutsRightRightAndUpUp) {
   // A small triangle beside the centre must appear on the view's right and upper side.
-  for (const View& view : six_views()) {
+  for (const ViewDirection& view : six_views()) {
     Mesh mesh;
     for (const auto& [x, y] : {std::pair{2.0, 2.0}, {3.0, 2.0}, {2.0, 3.0}})
       mesh.vertices_mm.emplace_back(x * view.right + y * view.up);
