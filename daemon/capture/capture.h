@@ -112,8 +112,8 @@ struct Captured {
 /// Caller:  rig lane (owner of `devices`).
 /// Fails:   cancelled (stop requested; what is committed stays), timeout, corrupt, unavailable
 ///          (after all retakes, with the history of attempts), invalid (a device is missing or
-///          does not fit the plan), exhausted never: the capture is held with reason "disk" until
-///          released.
+///          does not fit the plan), conflict (the room is too bright, ambient.h), exhausted never:
+///          the capture is held with reason "disk" until released.
 [[nodiscard]] Result<Captured> capture_scan(Scan& scan, DeviceSet& devices, Clock& clock,
                                             const CaptureOptions& options, Hold& hold,
                                             const CaptureHooks& hooks, const std::stop_token& stop);

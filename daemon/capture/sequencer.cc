@@ -8,6 +8,7 @@
 #include <numbers>
 #include <utility>
 
+#include "daemon/capture/ambient.h"
 #include "daemon/capture/freshness.h"
 #include "reconstruct/pattern/draw.h"
 
@@ -203,6 +204,10 @@ Status Sequencer::capture(const Step& step, const Pattern& next, std::vector<int
     break;
   }
   if (set.shots.empty() && set.refused.empty()) return {};
+  if (plan_.displays[static_cast<std::size_t>(step.display)]
+          .patterns[static_cast<std::size_t>(step.pattern)] == kBlack) {
+    ALHAZEN_TRY(check_ambient(set));
+  }
   done_.frames += set.shots.size();
   return hand_over_(std::move(set)) ? Status() : Status(stop_requested());
 }
@@ -293,6 +298,17 @@ Status Sequencer::collect(const Step& step, int number, Time deadline, std::vect
     }
   }
   if (fatal) return *std::move(fatal);
+  return {};
+}
+
+Status Sequencer::check_ambient(const ShotSet& set) {
+  for (const Shot& shot : set.shots) {
+    PlanCamera& camera = cameras_[static_cast<std::size_t>(shot.camera)];
+    if (camera.dark) continue;
+    const std::string warning = ALHAZEN_TRY(judge_ambient(camera.name, shot.frame.image));
+    if (!warning.empty()) warn(warning);
+    camera.dark = true;
+  }
   return {};
 }
 

@@ -26,6 +26,9 @@ inline constexpr int kRetakes = 3;
 ///  - a device that is gone (unavailable) is opened again, for some seconds, and the stop repeated
 ///    from the display under way, once.
 ///
+/// The room: each camera's first black picture, within the first steps of a scan, tells how bright
+/// it is (ambient.h).
+///
 /// Pipelined: once the latest exposure has ended the next picture is shown, while the frames of the
 /// last are still in transfer. A trigger never comes before all displays are steady, nor while the
 /// table moves; every stop is approached by turning in the positive direction.
@@ -58,6 +61,7 @@ class Sequencer {
     Freshness freshness;
     bool pending = false;  // triggered, its frame not collected
     bool gone = false;     // given up for this stop (OnGap::accept)
+    bool dark = false;     // its first black picture was judged (ambient.h)
   };
   struct PlanDisplay {
     std::string name;
@@ -83,6 +87,7 @@ class Sequencer {
   Status expose(const Step& step, const Pattern& next, std::vector<Try>& tries, Time& deadline);
   Status collect(const Step& step, int number, Time deadline, std::vector<Try>& tries,
                  ShotSet& set);
+  Status check_ambient(const ShotSet& set);
   Status go_to(int stop);
   Status home();
   Status show(PlanDisplay& display, const Pattern& pattern);

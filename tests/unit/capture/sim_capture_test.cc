@@ -110,24 +110,32 @@ const AlhazenDriverEntry kHasty{
 using Maps = std::map<StackKey, std::shared_ptr<const LightMap>>;
 
 /// The small world, its sphere beside the axis: turned about its own centre it would look the same.
-void write_world(const fs::path& file) {
+void write_world(const fs::path& file, double ambient) {
   std::ifstream in(ALHAZEN_SOURCE_DIR "/config/worlds/small.toml");
   std::string text(std::istreambuf_iterator<char>(in), {});
   const std::string table = "[turntable]\n";
   const auto at = text.find(table);
   ASSERT_NE(at, std::string::npos);
   text.insert(at + table.size(), "point_mm = [6.0, 0.0, 0.0]\n");
+  text.insert(at, "[ambient]\nradiance = " + std::to_string(ambient) + "\n");
   std::ofstream(file) << text;
 }
 
+struct Taken {
+  Maps maps;
+  Status outcome;
+  std::vector<std::string> warnings;
+  std::uint64_t steps = 0;
+};
+
 /// A scan of that world by two cameras at two stops.
-Maps scan(bool hasty_display, bool hasty_table) {
+Taken take(bool hasty_display, bool hasty_table, double ambient) {
   const fs::path folder =
       fs::temp_directory_path() / ("alhazen_sim_capture_" + std::to_string(getpid()));
   fs::remove_all(folder);
   fs::create_directories(folder);
   const std::string world_file = folder / "world.toml";
-  write_world(world_file);
+  write_world(world_file, ambient);
   VirtualClock clock;
   Silent log;
   Loader loader(kDrivers);
@@ -165,16 +173,26 @@ Maps scan(bool hasty_display, bool hasty_table) {
   EXPECT_TRUE(plan) << plan.error().text();
   auto directory = Scan::create(folder / "scan", *plan, *rig);
   EXPECT_TRUE(directory) << directory.error().text();
-  Maps maps;
+  Taken taken;
   CaptureHooks hooks;
   hooks.on_light_map = [&](std::shared_ptr<const LightMap> map) {
-    maps[map->key] = std::move(map);
+    taken.maps[map->key] = std::move(map);
   };
+  hooks.on_warning = [&](const std::string& sentence) { taken.warnings.push_back(sentence); };
+  hooks.on_step = [&](const CaptureProgress&) { ++taken.steps; };
   Hold hold;
   const auto captured = capture_scan(*directory, **devices, clock, {}, hold, hooks, {});
-  EXPECT_TRUE(captured) << captured.error().text();
+  if (!captured) taken.outcome = captured.error();
   fs::remove_all(folder);
-  return maps;
+  return taken;
+}
+
+constexpr double kDark = 0.002;
+
+Maps scan(bool hasty_display, bool hasty_table) {
+  Taken taken = take(hasty_display, hasty_table, kDark);
+  EXPECT_TRUE(taken.outcome) << taken.outcome.error().text();
+  return std::move(taken.maps);
 }
 
 /// Share of the pixels with a position in `right` that `other` does not see there to 2 px.
@@ -227,6 +245,31 @@ TEST_F(SimCaptureTest, NotWaitingForTheTableMakesTheDataWrong) {
     ASSERT_TRUE(right().count(key) && hasty.count(key));
     EXPECT_GT(share_wrong(*right().at(key), *hasty.at(key)), 0.5) << camera;
   }
+}
+
+TEST_F(SimCaptureTest, ADarkRoomIsNotSpokenOf) {
+  const Taken taken = take(false, false, kDark);
+  EXPECT_TRUE(taken.outcome);
+  EXPECT_THAT(taken.warnings, testing::IsEmpty());
+}
+
+TEST_F(SimCaptureTest, AmbientLightIsWarnedOfOnceACamera) {
+  const Taken taken = take(false, false, 0.3);
+  EXPECT_TRUE(taken.outcome) << taken.outcome.error().text();
+  EXPECT_THAT(taken.warnings,
+              testing::UnorderedElementsAre(
+                  testing::AllOf(testing::HasSubstr("camera c0 sees"),
+                                 testing::HasSubstr("with all displays black (at most 10 %)")),
+                  testing::HasSubstr("camera c1 sees")));
+}
+
+TEST_F(SimCaptureTest, ABrightRoomEndsTheScanBeforeItBegan) {
+  const Taken taken = take(false, false, 0.9);
+  ASSERT_FALSE(taken.outcome);
+  EXPECT_EQ(taken.outcome.error().code, Code::conflict);
+  EXPECT_THAT(taken.outcome.error().text(), testing::HasSubstr("(at most 50 %)"));
+  EXPECT_LE(taken.steps, 1U);
+  EXPECT_THAT(taken.maps, testing::IsEmpty());
 }
 
 }  // namespace
