@@ -155,8 +155,8 @@ Result<std::vector<Row>> pits(const Context& context) {
   recipe.world = "pits11";
   recipe.coding = Coding::gray_phase;
   recipe.level = 8;
-  const Row bounds = {{"must_second_bounces_recognised_pct", 90},
-                      {"aim_second_bounces_recognised_pct", 99}};
+  const Row bounds = {{"must_at_least_second_bounces_recognised_pct", 90},
+                      {"aim_at_least_second_bounces_recognised_pct", 99}};
   ObjectRow object = ALHAZEN_TRY(object_row(context, "pits", recipe, bounds));
   const sim::Scene scene = ALHAZEN_TRY(sim::Scene::load(
       std::filesystem::path(ALHAZEN_SOURCE_DIR) / "config/worlds/pits11.toml", {}));
