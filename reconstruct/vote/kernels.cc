@@ -104,9 +104,12 @@ std::size_t look_up_impl(const MapView& map, const float* x_mm, const float* y_m
     found += hn::CompressStore(hn::Iota(di, static_cast<std::int32_t>(i)),
                                hn::RebindMask(di, inside), di, found_point + found);
   }
+  if (found == 0) return 0;
+  // What fills the last vector reads where the last point does: elsewhere there may be no position.
   for (std::size_t i = found; i < std::min(found + lanes, count + kPadding); ++i) {
-    found_x[i] = found_y[i] = 0;
-    found_point[i] = 0;
+    found_x[i] = found_x[found - 1];
+    found_y[i] = found_y[found - 1];
+    found_point[i] = found_point[found - 1];
   }
 
   // Then: their hypotheses, all lanes at work.

@@ -305,6 +305,34 @@ TEST_F(LookUp, EveryTargetGivesTheHypothesesOfDouble) {
   });
 }
 
+/// The light map ends before the first pixels of its box: what fills vectors must not read there.
+TEST_F(LookUp, ReadsNoPositionThatNoCellUses) {
+  const std::size_t begin = kHeight / 2;  // rows above have no cell
+  for (std::size_t cell = 0; cell < begin * kWidth; ++cell)
+    cells_[cell / 32] &= ~(1U << (cell % 32));
+  const std::vector<float> kept(uv_.begin() + static_cast<std::ptrdiff_t>(2 * begin * kWidth),
+                                uv_.end());
+  for (std::size_t y = 0; y < row_pair_.size(); ++y) {
+    row_pair_[y] = (static_cast<int>(y) - static_cast<int>(begin)) * kWidth;
+  }
+  map_.uv_px = kept.data();
+  for_each_target([&] {
+    std::vector<float> px(kPoints + kPadding), py(px), scratch(3 * px.size());
+    kernels::project(projection_, x_.data(), y_.data(), z_.data(), kPoints, px.data(), py.data());
+    std::vector<std::uint32_t> point(kPoints + kPadding);
+    std::vector<float> nx(point.size()), ny(nx), nz(nx);
+    const std::size_t found =
+        kernels::look_up(map_, x_.data(), y_.data(), z_.data(), px.data(), py.data(), kPoints,
+                         scratch.data(), {point.data(), nx.data(), ny.data(), nz.data()});
+    EXPECT_GT(found, 20U);
+    for (std::size_t i = 0; i < found; ++i) {
+      const auto n = reference(point[i], px[point[i]], py[point[i]]);
+      ASSERT_TRUE(n);
+      EXPECT_LT((Eigen::Vector3d(nx[i], ny[i], nz[i]) - *n).norm(), 1e-6);
+    }
+  });
+}
+
 TEST_F(LookUp, PaddingIsSeenByNoMap) {
   std::vector<float> px(kPoints + kPadding, 230), py(kPoints + kPadding, 322);
   kernels::project(projection_, x_.data(), y_.data(), z_.data(), kPoints, px.data(), py.data());
