@@ -10,6 +10,9 @@ Status report_again(const ReportArgs& args, const Run& run) {
   Report report = ALHAZEN_TRY(read_report(args.scan));
   const Mesh mesh = ALHAZEN_TRY(read_mesh(args.scan / "mesh.ply"));
   report.mesh = mesh_figures(mesh);
+  // A folder that holds results alone has no light maps to look at.
+  if (const auto scan = Scan::open(args.scan))
+    report.light_maps = ALHAZEN_TRY(light_map_samples(*scan));
   report.reference.clear();
   report.comparison.reset();
   if (!args.reference.empty()) {

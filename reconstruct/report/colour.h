@@ -33,6 +33,17 @@ inline constexpr std::array<Colour, 5> kDiverging{{{0.07F, 0.22F, 0.48F},
 /// For shares 0 … 1: pale sand to deep green-blue.
 inline constexpr std::array<Colour, 4> kSequential{
     {{0.96F, 0.93F, 0.84F}, {0.62F, 0.80F, 0.66F}, {0.17F, 0.55F, 0.56F}, {0.07F, 0.24F, 0.36F}}};
+/// For amounts that had better be small: pale, then orange, then dark red.
+inline constexpr std::array<Colour, 4> kHeat{
+    {{0.97F, 0.95F, 0.89F}, {0.96F, 0.75F, 0.45F}, {0.80F, 0.36F, 0.21F}, {0.40F, 0.07F, 0.14F}}};
+/// For places on a display, along one of its axes.
+inline constexpr std::array<Colour, 5> kPlaces{{{0.17F, 0.20F, 0.44F},
+                                                {0.13F, 0.50F, 0.58F},
+                                                {0.56F, 0.76F, 0.47F},
+                                                {0.97F, 0.82F, 0.40F},
+                                                {0.84F, 0.36F, 0.23F}}};
+inline constexpr Colour kDirect{0.86F, 0.87F, 0.87F};  ///< what is seen, but not in the mirror
+inline constexpr Colour kCovered{0.25F, 0.60F, 0.58F};
 inline constexpr Colour kUnobserved{0.47F, 0.46F, 0.48F};
 inline constexpr Colour kClay{0.83F, 0.82F, 0.79F};
 

@@ -19,13 +19,12 @@ using Eigen::Vector3d;
 double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
 /// Brightness of a surface that turns `n` (viewer's frame: x right, y up, z to the viewer).
-float light_on(const Vector3d& n, float relief) {
+float light_on(const Vector3d& n) {
   static const Vector3d kKey = Vector3d(-0.45, 0.65, 0.75).normalized();
   static const Vector3d kFill = Vector3d(0.7, -0.1, 0.5).normalized();
   const double key = std::max(0.0, n.dot(kKey)), fill = std::max(0.0, n.dot(kFill));
   const double rim = std::pow(1 - std::clamp(n.z(), 0.0, 1.0), 3);
-  const double shaded = 0.30 + 0.68 * key + 0.16 * fill - 0.12 * rim;
-  return static_cast<float>(1 - static_cast<double>(relief) * (1 - std::clamp(shaded, 0.0, 1.1)));
+  return static_cast<float>(std::clamp(0.30 + 0.68 * key + 0.16 * fill - 0.12 * rim, 0.0, 1.1));
 }
 
 std::uint8_t to_byte(float value) {
@@ -89,10 +88,28 @@ DrawnView::DrawnView(const Mesh& mesh, const ViewDirection& view, const Vector3d
         if (z <= height[cell]) continue;
         height[cell] = z;
         hits_[cell] = {static_cast<std::uint32_t>(t), static_cast<float>(weight_b),
-                       static_cast<float>(weight_c)};
+                       static_cast<float>(weight_c), 0};
       }
     }
   }
+  for (Hit& hit : hits_) {
+    if (hit.triangle != kNone) hit.shaded = shaded(hit);
+  }
+}
+
+float DrawnView::shaded(const Hit& hit) const {
+  const auto& [a, b, c] = mesh_.triangles[hit.triangle];
+  Vector3d n;
+  if (mesh_.normals.empty()) {
+    n = (mesh_.vertices_mm[b] - mesh_.vertices_mm[a])
+            .cross(mesh_.vertices_mm[c] - mesh_.vertices_mm[a]);
+  } else {
+    n = ((1 - hit.weight_b - hit.weight_c) * mesh_.normals[a] + hit.weight_b * mesh_.normals[b] +
+         hit.weight_c * mesh_.normals[c])
+            .cast<double>();
+  }
+  n.normalize();
+  return light_on({n.dot(right_), n.dot(up_), n.dot(toward_)});
 }
 
 Picture8 DrawnView::coloured(const std::function<Colour(std::uint32_t vertex)>& colour,
@@ -105,17 +122,7 @@ Picture8 DrawnView::coloured(const std::function<Colour(std::uint32_t vertex)>& 
   const auto lit = [&](const Hit& hit) {
     const auto& [a, b, c] = mesh_.triangles[hit.triangle];
     const float weight_a = 1 - hit.weight_b - hit.weight_c;
-    Vector3d n;
-    if (mesh_.normals.empty()) {
-      n = (mesh_.vertices_mm[b] - mesh_.vertices_mm[a])
-              .cross(mesh_.vertices_mm[c] - mesh_.vertices_mm[a]);
-    } else {
-      n = (weight_a * mesh_.normals[a] + hit.weight_b * mesh_.normals[b] +
-           hit.weight_c * mesh_.normals[c])
-              .cast<double>();
-    }
-    n.normalize();
-    const float light = light_on({n.dot(right_), n.dot(up_), n.dot(toward_)}, relief);
+    const float light = 1 - relief * (1 - hit.shaded);
     const Colour &p = of_vertex[a], &q = of_vertex[b], &r = of_vertex[c];
     return Colour{light * (weight_a * p.r + hit.weight_b * q.r + hit.weight_c * r.r),
                   light * (weight_a * p.g + hit.weight_b * q.g + hit.weight_c * r.g),
@@ -148,6 +155,32 @@ Picture8 DrawnView::coloured(const std::function<Colour(std::uint32_t vertex)>& 
   return picture;
 }
 
+Picture8 halved(const Picture8& picture) {
+  Picture8 half{picture.width / 2, picture.height / 2, {}};
+  half.pixels.reserve(picture.pixels.size() / 4);
+  const auto width = static_cast<std::size_t>(picture.width);
+  for (std::size_t row = 0; row + 1 < static_cast<std::size_t>(picture.height); row += 2) {
+    for (std::size_t column = 0; column + 1 < width; column += 2) {
+      const std::size_t first = row * width + column;
+      std::array<unsigned, 3> sum{};  // of colours by how much of a pixel they cover
+      unsigned cover = 0;
+      for (const std::size_t from : {first, first + 1, first + width, first + width + 1}) {
+        const unsigned alpha = picture.pixels[from][3];
+        cover += alpha;
+        for (std::size_t k = 0; k < 3; ++k) sum[k] += alpha * picture.pixels[from][k];
+      }
+      std::array<std::uint8_t, 4> mean{};
+      if (cover > 0) {
+        for (std::size_t k = 0; k < 3; ++k)
+          mean[k] = static_cast<std::uint8_t>((sum[k] + cover / 2) / cover);
+      }
+      mean[3] = static_cast<std::uint8_t>((cover + 2) / 4);
+      half.pixels.push_back(mean);
+    }
+  }
+  return half;
+}
+
 std::string base64(std::string_view bytes) {
   constexpr std::string_view kLetters =
       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -164,7 +197,7 @@ std::string base64(std::string_view bytes) {
   return text;
 }
 
-Result<std::string> to_data_uri(const Picture8& picture) {
+Result<std::string> to_png(const Picture8& picture) {
   return caught(Code::internal, "encoding a picture", [&]() -> Result<std::string> {
     cv::Mat image(picture.height, picture.width, CV_8UC4);
     for (int row = 0; row < picture.height; ++row) {
@@ -180,8 +213,7 @@ Result<std::string> to_data_uri(const Picture8& picture) {
                                     6};  // 9: 4 % smaller in twice the time
     if (!cv::imencode(".png", image, png, settings))
       return Error{Code::internal, "a picture has no PNG"};
-    return "data:image/png;base64," +
-           base64({reinterpret_cast<const char*>(png.data()), png.size()});
+    return std::string(reinterpret_cast<const char*>(png.data()), png.size());
   });
 }
 

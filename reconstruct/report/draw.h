@@ -49,15 +49,21 @@ class DrawnView {
   struct Hit {
     std::uint32_t triangle = kNone;
     float weight_b = 0, weight_c = 0;
+    float shaded = 0;  ///< how bright light makes it where it models the form fully
   };
+  [[nodiscard]] float shaded(const Hit& hit) const;
+
   const Mesh& mesh_;
   Eigen::Vector3d right_, up_, toward_;
   int side_px_;
   std::vector<Hit> hits_;
 };
 
-/// A PNG as text for a page: "data:image/png;base64,…". Fails: internal, exhausted.
-[[nodiscard]] Result<std::string> to_data_uri(const Picture8& picture);
+/// Half as wide and high, each pixel the mean of four. REQUIRES: even width and height.
+[[nodiscard]] Picture8 halved(const Picture8& picture);
+
+/// The bytes of a PNG file. Fails: internal, exhausted.
+[[nodiscard]] Result<std::string> to_png(const Picture8& picture);
 
 /// RFC 4648, with padding.
 [[nodiscard]] std::string base64(std::string_view bytes);

@@ -1,22 +1,23 @@
 #include "reconstruct/report/page.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <span>
+#include <cstdlib>
 #include <string_view>
 #include <utility>
 
-#include "alhazen/check.h"
 #include "reconstruct/report/colour.h"
 #include "reconstruct/report/draw.h"
+#include "reconstruct/report/embedded.h"
+#include "reconstruct/report/number_text.h"
+#include "reconstruct/report/scene.h"
 
 namespace alhazen {
 namespace {
 
-constexpr int kView_px = 340;   // shown at about half of it: sharp on fine screens
-constexpr int kSlice_px = 520;  // at least
+// Of the mesh that can be turned: two megabytes of a page, and smooth on modest graphics.
+constexpr std::size_t kMostTriangles = 150'000;
 
 constexpr std::string_view kStyle = R"(
 :root{--ink:#1d2429;--soft:#5d6970;--line:#dfe3e4;--pale:#f5f6f5;--accent:#1c6c72}
@@ -39,6 +40,28 @@ p{margin:6px 0}.soft{color:var(--soft)}.text{overflow-wrap:anywhere}
 .bar i{width:11px;height:82px;flex:none;border-radius:2px}
 .bar div{display:flex;flex-direction:column;justify-content:space-between;line-height:1}
 .columns{display:grid;grid-template-columns:minmax(0,1.06fr) minmax(0,1fr);gap:34px}
+.view{display:grid;grid-template-columns:minmax(0,1fr) 232px;margin:18px 0 22px;border:1px solid var(--line);border-radius:8px;overflow:hidden}
+.stage{position:relative;min-height:520px;background:radial-gradient(120% 95% at 50% 38%,#fff 0,#f3f5f4 55%,#e3e7e6 100%)}
+.stage canvas{position:absolute;inset:0;width:100%;height:100%;cursor:grab;touch-action:none;outline:none}
+.stage canvas:active{cursor:grabbing}.stage canvas:focus-visible{box-shadow:inset 0 0 0 2px var(--accent)}
+.scale{position:absolute;left:16px;bottom:12px;border:1px solid var(--soft);border-top:0;height:6px;font-size:11px;line-height:1;color:var(--soft);display:flex;justify-content:center;align-items:flex-end;padding-bottom:9px;pointer-events:none;font-variant-numeric:tabular-nums}
+.panel{padding:4px 18px 14px;border-left:1px solid var(--line);background:#fff;display:flex;flex-direction:column}
+.panel h2{margin:14px 0 6px}.panel p{font-size:12px;line-height:1.4}
+.colourings label{display:flex;align-items:center;gap:8px;padding:3px 0;cursor:pointer}
+.colourings input{accent-color:var(--accent);margin:0}
+.legend .flat{height:10px}.legend .ends{margin-top:3px;gap:6px}.legend .ends span:last-child{text-align:right}
+.grey{font-size:11px;color:var(--soft);margin-top:6px}.grey i{display:inline-block;width:10px;height:10px;border-radius:2px;margin-right:6px;background:#787579}
+.sides{display:grid;grid-template-columns:repeat(3,1fr);gap:4px}
+.sides button{font:inherit;font-size:12px;color:var(--ink);background:var(--pale);border:1px solid var(--line);border-radius:4px;padding:3px 0;cursor:pointer}
+.sides button:hover{border-color:var(--accent);color:var(--accent)}
+.sides button:focus-visible,.colourings input:focus-visible{outline:2px solid var(--accent);outline-offset:1px}
+.help{margin:10px 0 0}.legend.none{visibility:hidden}
+[hidden]{display:none!important}
+.view[data-state=ready] .off{display:none}
+.view:not([data-state=ready]){display:block}.view:not([data-state=ready]) .stage,.view:not([data-state=ready]) .panel{display:none}
+.off{margin:0;padding:14px 18px;background:var(--pale)}
+.maps{display:grid;grid-template-columns:repeat(auto-fill,minmax(180px,1fr));gap:14px}
+.maps img{aspect-ratio:1;object-fit:contain}
 .slices{display:grid;grid-template-columns:1fr 1fr;gap:14px}
 figure{margin:0}figure img{width:100%;display:block;border:1px solid var(--line)}
 figcaption{font-size:12px;color:var(--soft);margin-top:5px}
@@ -53,8 +76,17 @@ table.text td{overflow-wrap:anywhere}
 .key i{display:inline-block;width:10px;height:10px;border-radius:2px;margin-right:6px}
 .warn{border-left:3px solid #b4531f;padding:2px 0 2px 10px;margin:6px 0}
 .two{display:grid;grid-template-columns:1fr 1fr;gap:0 34px}
-@media (max-width:900px){.columns,.two{grid-template-columns:1fr}}
-@media print{main{padding:0}h2{margin-top:14px}}
+@media (max-width:900px){.columns,.two,.view{grid-template-columns:1fr}.stage{min-height:min(520px,72vh)}.panel{border-left:0;border-top:1px solid var(--line)}}
+@media print{main{padding:0}h2{margin-top:14px}.view{display:none}}
+)";
+
+// three.js asks that every copy carries this; its packaged text does not.
+constexpr std::string_view kThreeLicence = R"(<!-- The script that follows is three.js.
+The MIT License. Copyright © 2010-2019 three.js authors
+Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated documentation files (the "Software"), to deal in the Software without restriction, including without limitation the rights to use, copy, modify, merge, publish, distribute, sublicense, and/or sell copies of the Software, and to permit persons to whom the Software is furnished to do so, subject to the following conditions:
+The above copyright notice and this permission notice shall be included in all copies or substantial portions of the Software.
+THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+-->
 )";
 
 /// Text that a page shows and never obeys.
@@ -87,19 +119,6 @@ std::string escaped(std::string_view text) {
   return out;
 }
 
-std::string fixed(double value, int decimals) {
-  std::array<char, 400> text{};
-  std::snprintf(text.data(), text.size(), "%.*f", decimals, value);
-  return text.data();
-}
-
-/// A length with the unit that suits it.
-std::string length(double mm) {
-  const double size = std::abs(mm);
-  if (size < 0.1) return fixed(mm * 1000, size < 0.01 ? 2 : 1) + " µm";
-  return fixed(mm, size < 10 ? 3 : 1) + " mm";
-}
-
 std::string share(double value) { return fixed(100 * value, 1) + " %"; }
 
 /// 1234567 as 1 234 567, with thin spaces.
@@ -123,16 +142,6 @@ std::string seconds(double s) {
   if (s < 120) return fixed(s, s < 10 ? 2 : 1) + " s";
   if (s < 7200) return fixed(s / 60, 1) + " min";
   return fixed(s / 3600, 1) + " h";
-}
-
-/// The least of 1, 2, 5 × 10ⁿ that is not below a value: the ends of a colour bar.
-double round_limit(double value) {
-  if (!(value > 0)) return 1;
-  const double ten = std::pow(10, std::floor(std::log10(value)));
-  for (const double step : {1.0, 2.0, 5.0}) {
-    if (value <= step * ten * (1 + 1e-9)) return step * ten;
-  }
-  return 10 * ten;
 }
 
 std::string gradient(std::string_view direction, std::span<const Colour> stops) {
@@ -174,153 +183,121 @@ std::string tiles(const Report& report) {
   return "<div class=\"tiles\">\n" + out + "</div>\n";
 }
 
-/// One row of six pictures with its name and colour bar.
-struct Row {
-  std::string name, explained, bar;
-  std::function<Colour(std::uint32_t)> colour;
-  float relief = 1;
-};
-
-std::string upright_bar(std::span<const Colour> stops, const std::string& top,
-                        const std::string& middle, const std::string& bottom) {
-  return "<div class=\"bar\"><i style=\"background:" + gradient("to top", stops) +
-         "\"></i><div><span>" + top + "</span><span>" + middle + "</span><span>" + bottom +
-         "</span></div></div>";
+std::string image(const Pictures& pictures, const std::string& name, const std::string& shows) {
+  const StillPicture& picture = pictures.at(name);
+  return "<img alt=\"" + shows + "\" src=\"data:image/png;base64," +
+         base64(picture.small.empty() ? picture.file : picture.small) + "\">";
 }
 
-std::vector<Row> rows_of(const Report& report, const Mesh& mesh) {
-  const auto is_observed = [&mesh](std::uint32_t i) {
-    return mesh.observed.empty() || mesh.observed[i] != 0;
-  };
-  std::vector<Row> rows;
-  rows.push_back({"Surface", "the mesh as it is", "", [](std::uint32_t) { return kClay; }, 1.0F});
-  if (report.comparison && !report.comparison->signed_mm.empty()) {
-    const Comparison& c = *report.comparison;
-    ALHAZEN_CHECK(c.signed_mm.size() == mesh.vertices_mm.size());
-    const double limit_mm = round_limit((c.observed ? *c.observed : c.all).p99_mm);
-    rows.push_back({"Error", "signed distance to the reference; grey: not observed",
-                    upright_bar(kDiverging, "+" + length(limit_mm) + " outside", "0",
-                                "−" + length(limit_mm) + " inside"),
-                    [&c, is_observed, limit_mm](std::uint32_t i) {
-                      if (!is_observed(i)) return kUnobserved;
-                      const auto limit = static_cast<float>(limit_mm);
-                      return at_share(kDiverging, 0.5F + 0.5F * c.signed_mm[i] / limit);
-                    },
-                    0.35F});
-  }
-  if (!mesh.observed.empty() || !mesh.consistency.empty()) {
-    const bool has_consistency = !mesh.consistency.empty();
-    rows.push_back({"Coverage",
-                    has_consistency ? "consistency where observed; grey: closed, not measured"
-                                    : "dark: observed; grey: closed, not measured",
-                    has_consistency ? upright_bar(kSequential, "1", "0.5", "0") : "",
-                    [&mesh, is_observed, has_consistency](std::uint32_t i) {
-                      if (!is_observed(i)) return kUnobserved;
-                      return at_share(kSequential, has_consistency ? mesh.consistency[i] : 0.66F);
-                    },
-                    0.35F});
-  }
-  return rows;
+/// The colours of a row from top to bottom, with their meaning.
+std::string upright_bar(const Colouring& colouring) {
+  if (colouring.stops.empty()) return "";
+  return "<div class=\"bar\"><i style=\"background:" + gradient("to top", colouring.stops) +
+         "\"></i><div><span>" + colouring.labels[2] + "</span><span>" + colouring.labels[1] +
+         "</span><span>" + colouring.labels[0] + "</span></div></div>";
 }
 
-Result<std::string> views(const Report& report, const Mesh& mesh) {
-  if (mesh.vertices_mm.empty()) return std::string("<p>The mesh is empty.</p>\n");
-  Eigen::Vector3d low = mesh.vertices_mm.front(), high = low;
-  for (const auto& p : mesh.vertices_mm) {
-    low = low.cwiseMin(p);
-    high = high.cwiseMax(p);
+/// A script as a page's policy names it.
+std::string allowed(const EmbeddedScript& script) {
+  std::string digest;
+  for (std::size_t i = 0; i + 1 < script.sha256.size(); i += 2)
+    digest += static_cast<char>(std::stoi(std::string(script.sha256.substr(i, 2)), nullptr, 16));
+  return "'sha256-" + base64(digest) + "'";
+}
+
+/// The mesh to turn, with its data and the scripts that draw it.
+std::string turnable(const Mesh& mesh, std::span<const Colouring> colourings) {
+  const DisplayMesh shown = simplified(mesh, kMostTriangles);
+  const Scene scene = scene_of(mesh, shown, colourings);
+  std::string detail = whole(shown.triangles.size()) + " triangles";
+  if (shown.cell_mm > 0) {
+    detail = "Simplified for display: " + detail + " of " + whole(mesh.triangles.size()) +
+             ", vertices within " + length(shown.cell_mm) + " merged.";
+  } else {
+    detail += ", the whole mesh.";
   }
-  const double extent_mm = std::max(1.04 * (high - low).maxCoeff(), 1e-6);
-  const std::vector<Row> rows = rows_of(report, mesh);
+  return R"(<figure id="view" class="view">
+<div class="stage"><span class="scale"></span></div>
+<p class="off soft">The object can be turned here where scripts are allowed to run; the pictures below show it from six sides.</p>
+<div class="panel">
+<h2>Colours</h2>
+<div class="colourings" role="radiogroup" aria-label="Colours"></div>
+<p class="explained soft"></p>
+<div class="legend"><div class="flat"></div><div class="ends"><span></span><span></span><span></span></div>
+<div class="grey"><i></i>never measured, closed</div></div>
+<h2>Sides</h2>
+<div class="sides"></div>
+<p class="soft help">Drag or arrow keys turn, with shift they move; pinch, + − or, after a click, the wheel zoom; 0 or a double click brings it back.</p>
+<p class="soft help">)" +
+         detail + R"(</p>
+</div>
+</figure>
+<script type="application/json" id="scene-facts">)" +
+         scene.facts + "</script>\n<script type=\"text/plain\" id=\"scene-data\">" +
+         base64(scene.data) + "</script>\n" + std::string(kThreeLicence) + "<script>" +
+         std::string(three_js().text) + "</script>\n<script>" + std::string(view_js().text) +
+         "</script>\n";
+}
+
+std::string views(const Report& report, std::span<const Colouring> colourings,
+                  const Pictures& pictures) {
   const auto six = six_views();
-  std::vector<std::vector<std::string>> pictures(rows.size());
-  for (const ViewDirection& view : six) {
-    const DrawnView drawn(mesh, view, (low + high) / 2, extent_mm, kView_px);
-    for (std::size_t row = 0; row < rows.size(); ++row)
-      pictures[row].push_back(
-          ALHAZEN_TRY(to_data_uri(drawn.coloured(rows[row].colour, rows[row].relief))));
-  }
   std::string out = "<div class=\"views\">\n<span></span>";
   for (const ViewDirection& view : six)
     out += "<span class=\"head\">" + std::string(view.name) + "</span>";
   out += "\n";
-  for (std::size_t row = 0; row < rows.size(); ++row) {
-    out += "<div class=\"name\">" + rows[row].name + "<small>" + rows[row].explained + "</small>" +
-           rows[row].bar + "</div>\n";
-    for (std::size_t i = 0; i < six.size(); ++i)
-      out += "<img alt=\"" + rows[row].name + ", " + six[i].name + "\" src=\"" + pictures[row][i] +
-             "\">\n";
+  for (const Colouring& colouring : colourings) {
+    out += "<div class=\"name\">" + colouring.name + "<small>" + colouring.explained + "</small>" +
+           upright_bar(colouring) + "</div>\n";
+    for (const ViewDirection& view : six)
+      out +=
+          image(pictures, view_name(colouring.file, view.name), colouring.name + ", " + view.name) +
+          "\n";
   }
-  return out + "</div>\n<p class=\"soft\">Each view is " + fixed(extent_mm, 1) +
-         " mm wide; z is up, front looks along +y.</p>\n";
+  return out + "</div>\n<p class=\"soft\">Each picture is " + fixed(views_extent_mm(report), 1) +
+         " mm wide; z is up, front looks along +y. Grey was never measured and is closed.</p>\n";
 }
 
-/// One cell a square of `scale` pixels; where the inside begins, a line.
-Picture8 slice_picture(const Slice& slice, const Colour& line_colour,
-                       const std::function<Colour(std::size_t cell)>& colour) {
-  const int scale = std::max(1, (kSlice_px + slice.width - 1) / slice.width);
-  Picture8 picture{slice.width * scale, slice.height * scale, {}};
-  picture.pixels.reserve(static_cast<std::size_t>(picture.width) *
-                         static_cast<std::size_t>(picture.height));
-  const auto cell_at = [&](int row, int column) {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(slice.width) +
-           static_cast<std::size_t>(column);
-  };
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
-      const int row = y / scale, column = x / scale;
-      const std::size_t cell = cell_at(row, column);
-      const bool is_inside = slice.inside[cell] >= 0.5F;
-      const bool is_edge = (x % scale == 0 && column > 0 &&
-                            is_inside != (slice.inside[cell_at(row, column - 1)] >= 0.5F)) ||
-                           (y % scale == 0 && row > 0 &&
-                            is_inside != (slice.inside[cell_at(row - 1, column)] >= 0.5F));
-      const Colour c = is_edge ? line_colour : colour(cell);
-      const auto byte = [](float v) { return static_cast<std::uint8_t>(std::lround(v * 255)); };
-      picture.pixels.push_back({byte(c.r), byte(c.g), byte(c.b), 255});
-    }
-  }
-  return picture;
+/// A picture with the colours it is drawn in, their meaning, and a name.
+std::string figure(const std::string& picture, std::span<const Colour> stops,
+                   const std::array<std::string, 3>& labels, const std::string& name) {
+  return "<figure>" + picture +
+         "<div class=\"flat\" style=\"background:" + gradient("to right", stops) +
+         "\"></div><div class=\"ends\"><span>" + labels[0] + "</span><span>" + labels[1] +
+         "</span><span>" + labels[2] + "</span></div><figcaption>" + name +
+         "</figcaption></figure>\n";
 }
 
-std::string slice_figure(const std::string& uri, std::string_view name,
-                         std::span<const Colour> stops, const std::string& left,
-                         const std::string& middle, const std::string& right) {
-  return "<figure><img alt=\"slice of " + std::string(name) + "\" src=\"" + uri +
-         "\"><div class=\"flat\" style=\"background:" + gradient("to right", stops) +
-         "\"></div><div class=\"ends\"><span>" + left + "</span><span>" + middle + "</span><span>" +
-         right + "</span></div><figcaption>" + std::string(name) + "</figcaption></figure>\n";
-}
-
-Result<std::string> slices(const Slice& slice, double edge_mm) {
-  std::vector<float> sizes;
-  for (const float d : slice.divergence_per_mm) {
-    if (d != 0) sizes.push_back(std::abs(d));
-  }
-  double limit = 1;
-  if (!sizes.empty()) {
-    // A few cells on crossing surfaces reach far beyond the rest.
-    const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 98 / 100);
-    std::nth_element(sizes.begin(), at, sizes.end());
-    limit = round_limit(static_cast<double>(*at));
-  }
-  const std::string consistency =
-      ALHAZEN_TRY(to_data_uri(slice_picture(slice, {0.86F, 0.33F, 0.10F}, [&](std::size_t cell) {
-        return at_share(kSequential, slice.consistency[cell]);
-      })));
-  const std::string divergence =
-      ALHAZEN_TRY(to_data_uri(slice_picture(slice, {0.10F, 0.10F, 0.12F}, [&](std::size_t cell) {
-        const auto at = static_cast<float>(limit);
-        return at_share(kDiverging, 0.5F + 0.5F * slice.divergence_per_mm[cell] / at);
-      })));
+std::string slices(const Slice& slice, double edge_mm, const Pictures& pictures) {
   std::array<char, 32> end{};
-  std::snprintf(end.data(), end.size(), "%g", limit);
+  std::snprintf(end.data(), end.size(), "%g", divergence_limit_per_mm(slice));
   return "<h2>Slice through the middle</h2>\n<div class=\"slices\">\n" +
-         slice_figure(consistency, "Surface consistency c", kSequential, "0", "0.5", "1") +
-         slice_figure(divergence, "Divergence of cN, 1/mm: positive just inside", kDiverging,
-                      "−" + std::string(end.data()), "0", "+" + std::string(end.data())) +
+         figure(image(pictures, "slice_consistency", "slice of the consistency"), kSequential,
+                {"0", "0.5", "1"}, "Surface consistency c") +
+         figure(image(pictures, "slice_divergence", "slice of the divergence"), kDiverging,
+                {"−" + std::string(end.data()), "0", "+" + std::string(end.data())},
+                "Divergence of cN, 1/mm: positive just inside") +
          "</div>\n<p class=\"soft\">Vertical plane y = middle of the volume, " + fixed(edge_mm, 1) +
          " mm wide; the line is where the indicator passes ½.</p>\n";
+}
+
+std::string light_maps(std::span<const LightMapSample> samples, const Pictures& pictures) {
+  if (samples.empty()) return "";
+  std::string out = "<h2>Light maps</h2>\n<div class=\"maps\">\n";
+  for (const LightMapSample& sample : samples) {
+    const StackKey& key = sample.map.key;
+    for (const char axis : {'u', 'v'}) {
+      const int last_px = (axis == 'u' ? sample.display_width_px : sample.display_height_px) - 1;
+      out += figure(image(pictures, light_map_picture_name(key, axis),
+                          std::string("light map, ") + axis + " on " + escaped(key.display)),
+                    kPlaces, {"0", std::string(1, axis), std::to_string(last_px) + " px"},
+                    escaped(key.display) + " as " + escaped(key.camera) + " saw it");
+    }
+  }
+  return out +
+         "</div>\n<p class=\"soft\">Which column u and row v of a display each camera pixel " +
+         "saw in the mirror at stop " + std::to_string(samples.front().map.key.stop) +
+         ", by the camera that saw most. Grey: the display itself; white: nothing decoded.</p>\n";
 }
 
 /// A table row: name, value.
@@ -459,25 +436,35 @@ std::string warnings(const Report& report) {
 
 }  // namespace
 
-Result<std::string> to_page(const Report& report, const Mesh& mesh) {
+std::string to_page(const Report& report, const Mesh& mesh, std::span<const Colouring> colourings,
+                    const Pictures& pictures) {
   const Provenance& p = report.provenance;
   const std::string title = escaped(p.object_id.empty() ? p.scan_id : p.object_id);
   std::string page =
       "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
       "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; "
-      "style-src 'unsafe-inline'\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width\">\n<title>" +
-      title + " · Alhazen</title>\n<style>" + std::string(kStyle) +
-      "</style></head>\n<body><main>\n";
+      "style-src 'unsafe-inline'; script-src " +
+      allowed(three_js()) + " " + allowed(view_js()) +
+      "\">\n<meta name=\"viewport\" content=\"width=device-width\">\n<title>" + title +
+      " · Alhazen</title>\n<style>" + std::string(kStyle) + "</style></head>\n<body><main>\n";
   page += "<header><h1>" + title + "</h1><span class=\"soft text\">scanned by Alhazen · " +
           escaped(p.scan_id) + " · " + escaped(p.created_at) + "</span></header>\n";
   if (!p.note.empty()) page += "<p class=\"text\">" + escaped(p.note) + "</p>\n";
-  page += tiles(report) + warnings(report) + ALHAZEN_TRY(views(report, mesh));
+  page += tiles(report) + warnings(report);
+  if (mesh.triangles.empty()) {
+    page += "<p>The mesh is empty.</p>\n";
+  } else {
+    page += turnable(mesh, colourings) + views(report, colourings, pictures);
+  }
   page += "<div class=\"columns\">\n<section>";
-  if (report.slice)
-    page += ALHAZEN_TRY(slices(*report.slice, report.reconstruction.volume.edge_mm));
+  if (report.slice) page += slices(*report.slice, report.reconstruction.volume.edge_mm, pictures);
   page += "</section>\n<section>" + numbers(report) + "</section>\n</div>\n";
-  page += timings(report) + provenance(report);
+  page += light_maps(report.light_maps, pictures) + timings(report) + provenance(report);
+  if (!mesh.triangles.empty()) {
+    page +=
+        "<p class=\"soft\">The view that can be turned is drawn by three.js, © 2010–2019 "
+        "three.js authors; its MIT licence stands in the source of this page.</p>\n";
+  }
   return page + "</main></body></html>\n";
 }
 

@@ -11,7 +11,9 @@
 
 #include "alhazen/caught.h"
 #include "alhazen/check.h"
+#include "reconstruct/report/colouring.h"
 #include "reconstruct/report/page.h"
+#include "reconstruct/report/pictures.h"
 #include "reconstruct/scan/json_fields.h"
 #include "reconstruct/scan/safe_file.h"
 #include "reconstruct/scan/shortcomings.h"
@@ -469,6 +471,7 @@ Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
   std::vector<std::string> lacking = shortcomings(scan, ALHAZEN_TRY(scan.light_maps()));
   std::vector<std::string>& warnings = report.reconstruction.warnings;
   warnings.insert(warnings.begin(), lacking.begin(), lacking.end());
+  report.light_maps = ALHAZEN_TRY(light_map_samples(scan));
   return report;
 }
 
@@ -557,7 +560,10 @@ std::string Report::brief() const {
 
 Status write_report(const Report& report, const Mesh& mesh,
                     const std::filesystem::path& directory) {
-  const std::string page = ALHAZEN_TRY(to_page(report, mesh));
+  const std::vector<Colouring> colourings = colourings_of(report, mesh);
+  const Pictures pictures = ALHAZEN_TRY(draw_pictures(report, mesh, colourings));
+  const std::string page = to_page(report, mesh, colourings, pictures);
+  ALHAZEN_TRY(write_pictures(pictures, directory / "pictures"));
   if (report.slice) ALHAZEN_TRY(write_file_safely(directory / "slice.pfm", to_pfm(*report.slice)));
   ALHAZEN_TRY(write_file_safely(directory / "report.html", page));
   return write_file_safely(directory / "report.json", report.to_json());

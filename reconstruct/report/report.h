@@ -12,6 +12,7 @@
 #include "reconstruct/mesh_io/mesh.h"
 #include "reconstruct/reconstruct.h"
 #include "reconstruct/report/compare.h"
+#include "reconstruct/report/light_map_sample.h"
 #include "reconstruct/report/slice.h"
 #include "reconstruct/run.h"
 #include "reconstruct/scan/scan.h"
@@ -73,11 +74,12 @@ struct Report {
   ReconstructionFigures reconstruction;
   std::optional<Refinement> refinement;  ///< of the calibration, where it was asked for
   MeshFigures mesh;
-  std::optional<Comparison> comparison;  ///< where a reference was given
-  std::string reference;                 ///< name of its file, empty where none was given
-  std::optional<Slice> slice;            ///< stored beside, as slice.pfm
+  std::optional<Comparison> comparison;    ///< where a reference was given
+  std::string reference;                   ///< name of its file, empty where none was given
+  std::optional<Slice> slice;              ///< stored beside, as slice.pfm
+  std::vector<LightMapSample> light_maps;  ///< to look at; stored in the scan alone
 
-  /// What parse() gives back, but for the pictures' data (slice, comparison.signed_mm).
+  /// What parse() gives back, but for the pictures' data (slice, light_maps, comparison.signed_mm).
   [[nodiscard]] std::string to_json() const;
   /// Fails: corrupt, naming the key. Hostile input welcome.
   [[nodiscard]] static Result<Report> parse(std::string_view json);
@@ -86,7 +88,7 @@ struct Report {
 };
 
 /// Gathers the report of a reconstruction. `reference` may be null.
-/// Fails: as compare().
+/// Fails: as compare() and light_map_samples().
 [[nodiscard]] Result<Report> make_report(const Scan& scan, const Reconstructed& reconstructed,
                                          CaptureFigures capture, const Mesh* reference,
                                          const Run& run);
@@ -100,9 +102,10 @@ struct Report {
 /// REQUIRES: indices within the vertices; per-vertex lists empty or of their number.
 [[nodiscard]] MeshFigures mesh_figures(const Mesh& mesh);
 
-/// Writes report.json, report.html and, where there is a slice, slice.pfm into `directory`, each
-/// there completely or not at all. `mesh` is drawn on the page.
-/// Fails: as write_file_safely().
+/// Writes report.json, report.html, the page's pictures as PNG files in the folder pictures and,
+/// where there is a slice, slice.pfm into `directory`, each there completely or not at all.
+/// Fails: as write_file_safely() and draw_pictures().
+/// REQUIRES: report.mesh are the figures of `mesh`.
 [[nodiscard]] Status write_report(const Report& report, const Mesh& mesh,
                                   const std::filesystem::path& directory);
 

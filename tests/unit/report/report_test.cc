@@ -6,8 +6,11 @@
 #include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <set>
 
 #include "reconstruct/report/draw.h"
+#include "reconstruct/report/embedded.h"
 #include "reconstruct/report/page.h"
 #include "tests/unit/report/shapes.h"
 
@@ -263,33 +266,158 @@ TEST_F(ReportOfAScan, IsWrittenAndReadAgain) {
   EXPECT_FALSE(read_report(folder_ / "nowhere"));
 }
 
-TEST_F(ReportOfAScan, PageEscapesEveryString) {
+std::string page_of(const Report& report, const Mesh& mesh) {
+  const auto colourings = colourings_of(report, mesh);
+  const auto pictures = draw_pictures(report, mesh, colourings);
+  EXPECT_TRUE(pictures) << pictures.error().text();
+  return to_page(report, mesh, colourings, *pictures);
+}
+
+std::size_t count_of(const std::string& text, std::string_view part) {
+  std::size_t count = 0;
+  for (auto at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++count;
+  return count;
+}
+
+TEST_F(ReportOfAScan, PageEscapesEveryStringAndFetchesNothing) {
   Report report = compared();
   report.reference = "<b onclick='x'>truth</b>";
-  const auto page = to_page(report, sphere_reconstructed(5).mesh);
-  ASSERT_TRUE(page) << page.error().text();
-  EXPECT_THAT(*page, Not(HasSubstr("<script")));
-  EXPECT_THAT(*page, Not(HasSubstr("<img src=x")));
-  EXPECT_THAT(*page, Not(HasSubstr("<b onclick")));
-  EXPECT_THAT(*page, Not(HasSubstr("<warning>")));
-  EXPECT_EQ(page->find('\x01'), std::string::npos);
-  EXPECT_THAT(*page, HasSubstr("&lt;script&gt;alert(&#39;bunny&#39;)&lt;/script&gt;"));
-  EXPECT_THAT(*page, HasSubstr("A &amp; B"));
-  // Nothing is fetched: each picture is inside. Three rows of six views and two slices.
-  std::size_t pictures = 0;
-  for (auto at = page->find("<img"); at != std::string::npos; at = page->find("<img", at + 1))
-    ++pictures;
-  EXPECT_EQ(pictures, 20U);
-  for (const char* outside : {"http:", "https:", "src=\"/", "url("})
-    EXPECT_THAT(*page, Not(HasSubstr(outside)));
+  LightMapSample sample;
+  sample.map.key = {0, "a\"><i>", "c0"};
+  sample.map.region = {0, 0, 1, 1};
+  sample.map.resize_lists();
+  sample.map.label[0] = Label::none;
+  report.light_maps = {sample};
+  std::string page = page_of(report, sphere_reconstructed(5).mesh);
+  EXPECT_THAT(page, Not(HasSubstr("<i>\"")));
+  EXPECT_THAT(page, HasSubstr("a&quot;&gt;&lt;i&gt;"));
+  EXPECT_THAT(page, Not(HasSubstr("<img src=x")));
+  EXPECT_THAT(page, Not(HasSubstr("<b onclick")));
+  EXPECT_THAT(page, Not(HasSubstr("<warning>")));
+  EXPECT_EQ(page.find('\x01'), std::string::npos);
+  EXPECT_THAT(page, HasSubstr("&lt;script&gt;alert(&#39;bunny&#39;)&lt;/script&gt;"));
+  EXPECT_THAT(page, HasSubstr("A &amp; B"));
+  // Two blocks of data, two scripts: the program's own, allowed by their digests alone.
+  EXPECT_EQ(count_of(page, "<script"), 4U);
+  EXPECT_EQ(count_of(page, "</script"), 4U);
+  EXPECT_EQ(count_of(page, "'sha256-"), 2U);
+  EXPECT_THAT(page, HasSubstr("default-src 'none'; img-src data:;"));
+  EXPECT_THAT(page, Not(HasSubstr("unsafe-eval")));
+  // Each picture is inside: five rows of six views, two slices, a light map's u and v.
+  EXPECT_EQ(count_of(page, "<img"), 34U);
+  EXPECT_EQ(count_of(page, "src=\"data:image/png;base64,"), 34U);
+  // three.js knows addresses (of XML's vocabularies); nothing else has one.
+  const auto library = page.find(three_js().text);
+  ASSERT_NE(library, std::string::npos);
+  page.erase(library, three_js().text.size());
+  for (const char* outside : {"http:", "https:", "url(", "href=", "import(", "@import", "<link"})
+    EXPECT_THAT(page, Not(HasSubstr(outside)));
 }
 
 TEST_F(ReportOfAScan, PageOfAnEmptyMeshSaysSo) {
   Report report = make();
   report.mesh = mesh_figures({});
-  const auto page = to_page(report, {});
-  ASSERT_TRUE(page) << page.error().text();
-  EXPECT_THAT(*page, HasSubstr("The mesh is empty"));
+  const std::string page = page_of(report, {});
+  EXPECT_THAT(page, HasSubstr("The mesh is empty"));
+  EXPECT_THAT(page, Not(HasSubstr("<script")));
+}
+
+TEST_F(ReportOfAScan, PicturesAreFilesToo) {
+  const Reconstructed reconstructed = sphere_reconstructed(5);
+  const auto names = [&] {
+    std::set<std::string> found;
+    for (const auto& file : fs::directory_iterator(folder_ / "pictures"))
+      found.insert(file.path().filename().string());
+    return found;
+  };
+  ASSERT_TRUE(write_report(compared(), reconstructed.mesh, folder_.path()));
+  EXPECT_EQ(names().size(), 32U);
+  for (const char* name : {"surface_front.png", "error_top.png", "standard_deviation_left.png",
+                           "consistency_back.png", "coverage_bottom.png", "slice_divergence.png"})
+    EXPECT_TRUE(names().contains(name)) << name;
+
+  const auto middle_of = [&](const std::string& name) {
+    const cv::Mat picture =
+        cv::imread((folder_ / "pictures" / name).string(), cv::IMREAD_UNCHANGED);
+    EXPECT_EQ(picture.channels(), 4);
+    return picture.at<cv::Vec4b>(picture.rows / 2, picture.cols / 2);  // blue green red alpha
+  };
+  // Below nothing was observed: grey. Above it was, and lies inside the reference: blue.
+  const auto below = middle_of("coverage_bottom.png"), above = middle_of("coverage_top.png");
+  EXPECT_LT(std::abs(below[0] - below[2]), 6);
+  EXPECT_GT(above[1], above[2] + 50);
+  EXPECT_EQ(above[3], 255);
+  const auto error = middle_of("error_top.png");
+  EXPECT_GT(error[0], error[2] + 30);
+
+  // Without a reference there is no error; what else lies in the folder is nobody's business.
+  std::ofstream(folder_ / "pictures" / "light_map_000_old_c0_u.png") << "old";
+  std::ofstream(folder_ / "pictures" / "holiday.png") << "sea";
+  ASSERT_TRUE(write_report(make(), reconstructed.mesh, folder_.path()));
+  EXPECT_EQ(names().size(), 27U);
+  EXPECT_FALSE(names().contains("error_top.png"));
+  EXPECT_FALSE(names().contains("light_map_000_old_c0_u.png"));
+  EXPECT_EQ(text_of(folder_ / "pictures" / "holiday.png"), "sea");
+}
+
+/// A light map of 3 × 2 pixels with so many positions, from u = 0 on.
+LightMap small_map(const StackKey& key, std::size_t positions) {
+  LightMap map;
+  map.key = key;
+  map.region = {0, 0, 3, 2};
+  map.resize_lists();
+  for (std::size_t i = 0; i < 6; ++i) {
+    const bool is_position = i < positions;
+    const float none = std::numeric_limits<float>::quiet_NaN();
+    map.label[i] = is_position ? Label::mirror : Label::saturated;
+    map.u_px[i] = is_position ? static_cast<float>(i) * 63 / 5 : none;
+    map.v_px[i] = is_position ? 31.0F : none;
+    map.sigma_u_px[i] = map.sigma_v_px[i] = Imath::half(is_position ? 0.5F : none);
+    map.contrast[i] = 100;
+    map.bit_u[i] = map.bit_v[i] = is_position ? 0 : 6;
+  }
+  return map;
+}
+
+TEST_F(ReportOfAScan, ShowsALightMapOfEachDisplay) {
+  const auto none = light_map_samples(*scan_);
+  ASSERT_TRUE(none);
+  EXPECT_TRUE(none->empty());
+  ASSERT_TRUE(scan_->commit(small_map({1, "side", "c0"}, 6), {}));
+  ASSERT_TRUE(scan_->commit(small_map({0, "side", "c1"}, 3), {}));
+  ASSERT_TRUE(scan_->commit(small_map({0, "side", "c0"}, 6), {}));
+  const auto samples = light_map_samples(*scan_);
+  ASSERT_TRUE(samples) << samples.error().text();
+  ASSERT_EQ(samples->size(), 1U);
+  const LightMapSample& sample = samples->front();
+  EXPECT_EQ(sample.map.key, (StackKey{0, "side", "c0"}));
+  EXPECT_EQ(sample.display_width_px, 64);
+
+  Report report = make();
+  ASSERT_EQ(report.light_maps.size(), 1U);
+  LightMap& shown = report.light_maps.front().map;
+  shown = small_map({0, "side", "c0"}, 5);
+  shown.label[4] = Label::direct_sight;
+  ASSERT_TRUE(write_report(report, sphere_reconstructed(5).mesh, folder_.path()));
+  const auto picture_of = [&](const std::string& axis) {
+    return cv::imread((folder_ / "pictures/light_map_000_side_c0_").string() + axis + ".png",
+                      cv::IMREAD_UNCHANGED);
+  };
+  const auto expect_pixel = [](const cv::Mat& picture, int row, int column, const Colour& colour) {
+    const auto pixel = picture.at<cv::Vec4b>(row, column);
+    EXPECT_NEAR(pixel[2], 255 * static_cast<double>(colour.r), 0.6);
+    EXPECT_NEAR(pixel[1], 255 * static_cast<double>(colour.g), 0.6);
+    EXPECT_NEAR(pixel[0], 255 * static_cast<double>(colour.b), 0.6);
+    EXPECT_EQ(pixel[3], 255);
+  };
+  const cv::Mat u = picture_of("u"), v = picture_of("v");
+  ASSERT_EQ(u.size(), cv::Size(3, 2));
+  for (int i = 0; i < 4; ++i) {
+    expect_pixel(u, i / 3, i % 3, at_share(kPlaces, static_cast<float>(i) / 5));
+    expect_pixel(v, i / 3, i % 3, kPlaces.back());
+  }
+  expect_pixel(u, 1, 1, kDirect);
+  EXPECT_EQ(u.at<cv::Vec4b>(1, 2)[3], 0);
 }
 
 TEST_F(ReportOfAScan, CaptureFiguresComeFromTheDirectory) {
@@ -360,6 +488,18 @@ TEST(Draw, PutsRightRightAndUpUp) {
     }
     EXPECT_NEAR(static_cast<double>(seen), 12.5, 8) << view.name;
   }
+}
+
+TEST(Draw, HalvedIsTheMeanOfWhatCovers) {
+  Picture8 picture{4, 2, {}};
+  picture.pixels.resize(8);
+  picture.pixels[0] = picture.pixels[1] = {200, 100, 0, 255};
+  picture.pixels[4] = {0, 100, 200, 255};  // its fourth neighbour covers nothing
+  const Picture8 half = halved(picture);
+  ASSERT_EQ(half.width, 2);
+  ASSERT_EQ(half.height, 1);
+  EXPECT_EQ(half.pixels[0], (std::array<std::uint8_t, 4>{133, 100, 67, 191}));
+  EXPECT_EQ(half.pixels[1], (std::array<std::uint8_t, 4>{0, 0, 0, 0}));
 }
 
 TEST(Draw, Base64IsThatOfTheStandard) {
