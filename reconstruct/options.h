@@ -48,7 +48,8 @@ struct VoteOptions {
 
 /// Every tunable of the depth refinement (reconstruct/vote/depth.h).
 struct DepthOptions {
-  /// Rounds of gathering and solving. Range 1 … 10.
+  /// Rounds of gathering and solving at most; a foot point that has settled takes no more. Range 1
+  /// … 10.
   int rounds = 3;
   /// Central difference over ± this, in the first round and in the others. mm, range (0, 10].
   double first_step_mm = 0.15, step_mm = 0.10;

@@ -21,6 +21,9 @@ using Eigen::Vector3d;
 /// count all the same.
 constexpr double kNeverFree_mm = std::numeric_limits<double>::infinity();
 
+/// A foot point that moved by less than this share of its standard deviation stays where it is.
+constexpr double kSettledShare = 0.1;
+
 /// One observation's hypothesis at a point and how it turns along the normal.
 struct Turning {
   Vector3d n, a;
@@ -83,6 +86,14 @@ Agreement agree(std::vector<Turning>& votes, int rounds, double noise_rad,
       vote.weight = r < 1 ? (1 - r * r) * (1 - r * r) : 0;
     }
   }
+}
+
+/// Of a hypothesis, by the residuals and what was presumed of them. rad².
+double variance_of(const Agreement& found, double noise_rad) {
+  // Two components a vote, three unknowns; the presumed noise weighs like four votes.
+  constexpr double kPrior = 8;
+  return (kPrior * noise_rad * noise_rad + found.weighted_residual2) /
+         std::max(1.0, kPrior + 2 * found.weight - 3);
 }
 
 struct Working {
@@ -192,17 +203,18 @@ Result<std::vector<DepthSample>> refine_depth(
           mine.is_alive[i] = 0;
           continue;
         }
-        if (!is_last) continue;
+        const double variance_mm2 =
+            variance_of(found, noise_rad) / std::max(found.information, 1e-12);
+        const bool has_settled = !is_first && found.depth_mm * found.depth_mm <
+                                                  kSettledShare * kSettledShare * variance_mm2;
+        if (!is_last && !has_settled) continue;
+        mine.is_alive[i] = 0;
         const auto agreeing = std::count_if(mine.turning.begin(), mine.turning.end(),
                                             [](const Turning& t) { return t.weight > 0; });
-        // Two components a vote, three unknowns; the presumed noise weighs like four votes.
-        constexpr double kPrior = 8;
-        const double sigma2 = (kPrior * noise_rad * noise_rad + found.weighted_residual2) /
-                              std::max(1.0, kPrior + 2 * found.weight - 3);
         DepthSample& sample = samples[group.begin + i];
         sample.normal = found.normal.cast<float>();
         sample.offset_mm = static_cast<float>((centre - mine.at[i]).dot(found.normal));
-        sample.variance_mm2 = static_cast<float>(sigma2 / std::max(found.information, 1e-12));
+        sample.variance_mm2 = static_cast<float>(variance_mm2);
         sample.votes = static_cast<std::uint16_t>(agreeing);
         sample.is_accepted = agreeing >= options.min_votes &&
                              found.median_residual <= residual_gate_rad &&

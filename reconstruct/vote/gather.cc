@@ -42,6 +42,7 @@ void PointBlock::reset(const Eigen::Vector3d& centre_mm, double reach_mm) {
   centre_mm_ = centre_mm;
   reach_mm_ = reach_mm;
   count_ = 0;
+  may_be_free_ = false;
 }
 
 void PointBlock::add(const Eigen::Vector3d& p_object_mm, double radius_mm) {
@@ -54,6 +55,7 @@ void PointBlock::add(const Eigen::Vector3d& p_object_mm, double radius_mm) {
   y_mm_[count_] = static_cast<float>(offset.y());
   z_mm_[count_] = static_cast<float>(offset.z());
   radius_mm_[count_] = static_cast<float>(radius_mm);
+  may_be_free_ = may_be_free_ || std::isfinite(radius_mm);
   ++count_;
 }
 
@@ -147,7 +149,7 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
   votes.count.assign(count, 0);
   votes.free_space.assign(count, 0);
   if (count == 0) return 0;
-  if (is_free(block)) {
+  if (block.may_be_free_ && is_free(block)) {
     votes.free_space.assign(count, 1);
     return 0;
   }
@@ -170,7 +172,8 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
           !seen.cells.empty() &&
           seen.may_see(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) &&
           is_before(seen, block.centre_mm_, block.reach_mm_);
-      const bool may_carve = !seen.sight_px.empty() && overlaps(seen.sight_box, *spot) &&
+      const bool may_carve = block.may_be_free_ && !seen.sight_px.empty() &&
+                             overlaps(seen.sight_box, *spot) &&
                              is_before(seen, block.centre_mm_, block.reach_mm_);
       if (!may_vote && !may_carve) continue;
       if (!is_projected) {

@@ -17,7 +17,8 @@ class PointBlock {
  public:
   /// Every offset will be at most `reach_mm` long.
   void reset(const Eigen::Vector3d& centre_mm, double reach_mm);
-  /// `radius_mm`: of the ball around the point that must be free for the point to be.
+  /// `radius_mm`: of the ball around the point that must be free for the point to be; infinite for
+  /// one that never is, which saves looking.
   void add(const Eigen::Vector3d& p_object_mm, double radius_mm);
   [[nodiscard]] std::size_t count() const noexcept { return count_; }
 
@@ -26,6 +27,7 @@ class PointBlock {
   Eigen::Vector3d centre_mm_;
   double reach_mm_ = 0;
   std::size_t count_ = 0;
+  bool may_be_free_ = false;  ///< some point
   std::vector<float> x_mm_, y_mm_, z_mm_, radius_mm_;
 };
 
