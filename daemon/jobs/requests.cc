@@ -86,7 +86,9 @@ Result<ReconstructionChoices> reconstruction_choices(const json& args) {
     take("beta", choices.options.surface.beta);
     take("g_min", choices.options.surface.g_min);
     choices.formats = args.value("mesh_formats", std::vector<std::string>());
-    ALHAZEN_TRY(choices.options.is_valid().in("args.reconstruction"));
+    if (const Status valid = choices.options.is_valid(); !valid) {
+      return valid.error().in("args.reconstruction");
+    }
     return choices;
   });
 }
