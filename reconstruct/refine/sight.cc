@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 
 namespace alhazen {
@@ -40,7 +41,8 @@ bool is_cell(const Observation& seen, int column, int row) {
 
 /// REQUIRES: a corner of a cell.
 Vector2d position_px(const Observation& seen, int column, int row) {
-  const auto pair = static_cast<std::size_t>(seen.row_pair[static_cast<std::size_t>(row)] + column);
+  const auto pair =
+      static_cast<std::size_t>(std::int64_t{seen.row_pair[static_cast<std::size_t>(row)]} + column);
   return {double{seen.uv_px[2 * pair]}, double{seen.uv_px[2 * pair + 1]}};
 }
 
