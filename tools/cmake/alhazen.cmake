@@ -127,9 +127,10 @@ function(alhazen_driver name)
   endif()
 endfunction()
 
-# alhazen_test(NAME LABEL label [FOLDER folder] [LIBRARIES targets…]): all *_test.cc of the folder.
+# alhazen_test(NAME LABEL label [FOLDER folder] [COST n] [LIBRARIES targets…]): all *_test.cc of the
+# folder. COST: the longest under sanitizers begin first, so that two cores end together.
 function(alhazen_test name)
-  cmake_parse_arguments(ARG "" "LABEL;FOLDER" "LIBRARIES" ${ARGN})
+  cmake_parse_arguments(ARG "" "LABEL;FOLDER;COST" "LIBRARIES" ${ARGN})
   if(NOT ARG_FOLDER)
     set(ARG_FOLDER ${name})
   endif()
@@ -149,6 +150,9 @@ function(alhazen_test name)
     ALHAZEN_BINARY_DIR="${CMAKE_BINARY_DIR}")
   alhazen_precompile(${target} test)
   add_test(NAME ${ARG_LABEL}.${name} COMMAND ${target})
+  if(ARG_COST)
+    set_tests_properties(${ARG_LABEL}.${name} PROPERTIES COST ${ARG_COST})
+  endif()
   set_tests_properties(${ARG_LABEL}.${name} PROPERTIES LABELS ${ARG_LABEL} TIMEOUT 900
     ENVIRONMENT "TSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/tests/tsan.supp:halt_on_error=1;LSAN_OPTIONS=suppressions=${PROJECT_SOURCE_DIR}/tests/lsan.supp;ALHAZEN_DATA=$ENV{ALHAZEN_DATA}")
 endfunction()
