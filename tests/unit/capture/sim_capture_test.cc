@@ -8,6 +8,7 @@
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <optional>
 
 #include "daemon/capture/capture.h"
 #include "daemon/virtual_clock.h"
@@ -195,15 +196,31 @@ Maps scan(bool hasty_display, bool hasty_table) {
   return std::move(taken.maps);
 }
 
-/// Share of the pixels with a position in `right` that `other` does not see there to 2 px.
+/// Where a light map has a sensor's pixel; nothing beyond its region.
+std::optional<std::size_t> index_in(const LightMap& map, int x, int y) {
+  const Region& region = map.region;
+  if (x < region.x || y < region.y || x >= region.x + region.width ||
+      y >= region.y + region.height) {
+    return std::nullopt;
+  }
+  return static_cast<std::size_t>(y - region.y) * static_cast<std::size_t>(region.width) +
+         static_cast<std::size_t>(x - region.x);
+}
+
+/// Share of the pixels with a position in `right` that `other` does not see there to 2 px. Their
+/// regions differ: each is cropped to what decoded.
 double share_wrong(const LightMap& right, const LightMap& other) {
   std::size_t positions = 0, wrong = 0;
-  for (std::size_t i = 0; i < right.size_px(); ++i) {
-    if (!right.is_position(i)) continue;
-    ++positions;
-    if (!other.is_position(i) ||
-        std::hypot(right.u_px[i] - other.u_px[i], right.v_px[i] - other.v_px[i]) > 2)
-      ++wrong;
+  for (int y = right.region.y; y < right.region.y + right.region.height; ++y) {
+    for (int x = right.region.x; x < right.region.x + right.region.width; ++x) {
+      const std::size_t i = *index_in(right, x, y);
+      if (!right.is_position(i)) continue;
+      ++positions;
+      const auto k = index_in(other, x, y);
+      if (!k || !other.is_position(*k) ||
+          std::hypot(right.u_px[i] - other.u_px[*k], right.v_px[i] - other.v_px[*k]) > 2)
+        ++wrong;
+    }
   }
   EXPECT_GT(positions, 100U);
   return static_cast<double>(wrong) / static_cast<double>(positions);
