@@ -179,14 +179,15 @@ Observations affine_maps(const Rig& rig) {
     if (map.key.stop % 3 != 0) continue;
     const DisplayModel& display = *rig.display(map.key.display);
     const int k = map.key.stop + static_cast<int>(map.key.camera.back());
+    const int first_u = display.width_px / 4, first_v = display.height_px / 4;
     for (int y = 0; y < map.region.height; ++y) {
       for (int x = 0; x < map.region.width; ++x) {
         const std::size_t i =
             static_cast<std::size_t>(y) * static_cast<std::size_t>(map.region.width) +
             static_cast<std::size_t>(x);
         map.label[i] = Label::mirror;
-        map.u_px[i] = static_cast<float>(display.width_px / 4 + (k % 3) * x + y);
-        map.v_px[i] = static_cast<float>(display.height_px / 4 + x + (k % 2) * y);
+        map.u_px[i] = static_cast<float>(first_u + (k % 3) * x + y);
+        map.v_px[i] = static_cast<float>(first_v + x + (k % 2) * y);
       }
     }
     EXPECT_TRUE(observations.add(map));
