@@ -78,7 +78,17 @@ void* take_pixels(std::size_t bytes) {
     }
     while (const auto oldest = store.surplus(0)) release(*oldest);
   }
-  void* memory = ::operator new(bytes, alignment_of(bytes));
+  void* memory = nullptr;
+  try {
+    memory = ::operator new(bytes, alignment_of(bytes));
+  } catch (const std::bad_alloc&) {
+    // What was not had is not in use.
+    if (may_keep(bytes)) {
+      const std::lock_guard hold(kept().lock);
+      kept().used_bytes -= bytes;
+    }
+    throw;
+  }
   // A hint: where it is not followed, pages are small.
   if (bytes >= kHugePageBytes) ::madvise(memory, bytes, MADV_HUGEPAGE);
   return memory;
