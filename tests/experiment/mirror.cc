@@ -27,25 +27,31 @@ void forget_peak() { std::ofstream("/proc/self/clear_refs") << "5"; }
 
 }  // namespace
 
-Result<Measured> measure(const Context& context, const Scan& scan, const Rig& rig, int level,
-                         const Options& options, const Selection& selection) {
-  forget_peak();
-  const StageClock clock;
-  std::vector<StackKey> keys = ALHAZEN_TRY(scan.light_maps());
-  if (selection) std::erase_if(keys, [&](const StackKey& key) { return !selection(key); });
+Result<Reconstruction> with_maps(const Context& context, const Scan& scan, const Rig& rig,
+                                 int level, const Options& options, const Selection& selection) {
   Reconstruction work =
       ALHAZEN_TRY(Reconstruction::make(rig, scan.manifest().volume, level, options));
+  const std::vector<StackKey> keys = ALHAZEN_TRY(scan.light_maps());
   for (const StackKey& key : keys) {
     if (context.run.stopped()) return Error{Code::cancelled, "interrupted"};
+    if (selection && !selection(key)) continue;
     LightMap map = ALHAZEN_TRY(scan.load_light_map(key));
     const DisplayModel& display = *rig.display(key.display);
     scatter_outliers(map, kOutlierShare, kSeed, display.width_px, display.height_px);
     ALHAZEN_TRY(work.add(map));
   }
+  return work;
+}
+
+Result<Measured> measure(const Context& context, const Scan& scan, const Rig& rig, int level,
+                         const Options& options, const Selection& selection) {
+  forget_peak();
+  const StageClock clock;
+  Reconstruction work = ALHAZEN_TRY(with_maps(context, scan, rig, level, options, selection));
   const StageClock last;
   Measured made{ALHAZEN_TRY(work.finish(context.run)), {}};
   const StageTime after = last.read("after"), time = clock.read("all");
-  made.figures = {{"light_maps", keys.size()},
+  made.figures = {{"light_maps", made.result.light_maps},
                   {"level", level},
                   {"voxel_mm", scan.manifest().volume.edge_mm / (1 << level)},
                   {"outlier_share", kOutlierShare},

@@ -22,6 +22,13 @@ struct Measured {
   Row figures;  ///< maps, level, voxel, times, memory
 };
 
+/// A reconstruction that holds the light maps of a scan, 1 % of their positions replaced.
+/// Fails: as Scan, Reconstruction; cancelled.
+[[nodiscard]] Result<Reconstruction> with_maps(const Context& context, const Scan& scan,
+                                               const Rig& rig, int level,
+                                               const Options& options = {},
+                                               const Selection& selection = {});
+
 /// Reconstructs a scan with 1 % of its positions replaced. "after_last_map_s" is what a live scan
 /// would still take after its last light map: finish() alone.
 /// Fails: as Scan, Reconstruction; cancelled.

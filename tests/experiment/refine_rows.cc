@@ -11,15 +11,12 @@
 #include "reconstruct/refine/rig_shift.h"
 #include "reconstruct/report/compare.h"
 #include "reconstruct/stage_time.h"
-#include "tests/experiment/experiment.h"
-#include "tests/experiment/simulated_scan.h"
+#include "tests/experiment/mirror.h"
 
 namespace alhazen::experiment {
 namespace {
 
-constexpr double kUmPerMm = 1000, kMradPerRad = 1000;
-constexpr double kOutlierShare = 0.01;  // of positions, wrong after decoding (the protocol)
-constexpr std::uint64_t kOutlierSeed = 1;
+constexpr double kMradPerRad = 1000;
 constexpr double kRadiusMm = 25;
 constexpr int kSeeds = 3;
 /// The errors of a good calibration, as tools/demo draws them.
@@ -29,21 +26,6 @@ constexpr sim::CalibrationError kError{.camera_px = 0.05,
                                        .axis_mm = 0.005};
 /// The first pass of a refinement, as `alhazen-reconstruct run --refine` takes it.
 constexpr int kFirstLevel = 8;
-
-Result<Reconstruction> with_maps(const Context& context, const Scan& scan, const Rig& rig,
-                                 int level) {
-  Reconstruction work =
-      ALHAZEN_TRY(Reconstruction::make(rig, scan.manifest().volume, level, Options{}));
-  const std::vector<StackKey> keys = ALHAZEN_TRY(scan.light_maps());
-  for (const StackKey& key : keys) {
-    if (context.run.stopped()) return Error{Code::cancelled, "interrupted"};
-    LightMap map = ALHAZEN_TRY(scan.load_light_map(key));
-    const DisplayModel& display = *rig.display(key.display);
-    scatter_outliers(map, kOutlierShare, kOutlierSeed, display.width_px, display.height_px);
-    ALHAZEN_TRY(work.add(map));
-  }
-  return work;
-}
 
 /// RMS over cameras of how far the object's middle is seen from where it is in truth, px, once the
 /// rig is in the truth's frame.
