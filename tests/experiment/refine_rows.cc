@@ -56,7 +56,7 @@ Result<Row> refined_once(const Context& context, const Scan& scan, int level, st
   error.seed = seed;
   const sim::Scene scene = ALHAZEN_TRY(
       sim::Scene::load(std::filesystem::path(ALHAZEN_SOURCE_DIR) / "config/worlds/sphere.toml"));
-  const Rig truth = scan.rig();
+  const Rig& truth = scan.rig();
   const Rig wrong = ALHAZEN_TRY(Rig::parse(sim::calibrated_rig(scene, error)));
   Row row{{"experiment", "sphere_refined"}, {"seed", seed}, {"level", level}};
   Rig rig = wrong;
