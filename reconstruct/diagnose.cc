@@ -259,17 +259,17 @@ std::string name_in(const StackKey& key, Kind kind) {
                                 : std::to_string(key.stop);
 }
 
-struct SurfacePoint {
+struct MeasuredPoint {
   Vector3d p_mm;
   Eigen::Vector3f normal;
 };
 
-std::vector<SurfacePoint> measured_points(const Mesh& mesh) {
+std::vector<MeasuredPoint> measured_points(const Mesh& mesh) {
   std::vector<std::size_t> measured;
   for (std::size_t i = 0; i < mesh.observed.size(); ++i) {
     if (mesh.observed[i] != 0) measured.push_back(i);
   }
-  std::vector<SurfacePoint> out;
+  std::vector<MeasuredPoint> out;
   const std::size_t count = std::min(kPoints, measured.size());
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t i = measured[k * measured.size() / count];
@@ -280,7 +280,7 @@ std::vector<SurfacePoint> measured_points(const Mesh& mesh) {
 
 /// Of each observation, in their order.
 std::vector<Share> shares_of(const Observations& observations, const VoteOptions& options,
-                             const std::vector<SurfacePoint>& points) {
+                             const std::vector<MeasuredPoint>& points) {
   std::vector<Vector3d> eyes(observations.size());
   for (const View& view : observations.views()) {
     for (std::size_t i = view.begin; i < view.end; ++i) eyes[i] = view.eye_object_mm;
@@ -289,7 +289,7 @@ std::vector<Share> shares_of(const Observations& observations, const VoteOptions
   Gatherer gatherer(observations, options);
   PointBlock block;
   BlockVotes votes;
-  for (const SurfacePoint& point : points) {
+  for (const MeasuredPoint& point : points) {
     block.reset(point.p_mm, 0);
     block.add(point.p_mm, 0);
     gatherer.gather(block, votes);
@@ -320,7 +320,7 @@ std::size_t index_of(const std::vector<Model>& devices, const std::string& name)
 /// Holds the devices against a surface, and looks for what would mend those that do not belong.
 class Judge {
  public:
-  Judge(Observations& observations, const VoteOptions& options, std::vector<SurfacePoint> points)
+  Judge(Observations& observations, const VoteOptions& options, std::vector<MeasuredPoint> points)
       : observations_(observations),
         options_(options),
         points_(std::move(points)),
@@ -511,7 +511,7 @@ class Judge {
 
   Observations& observations_;
   const VoteOptions& options_;
-  std::vector<SurfacePoint> points_;
+  std::vector<MeasuredPoint> points_;
   std::vector<Share> shares_;  ///< under the rig as given
   std::vector<Device> lost_;   ///< what does not belong to the rest
 };
@@ -604,7 +604,7 @@ Result<std::vector<std::string>> diagnose(Observations& observations, const Vote
       observations, "display", [](const StackKey& key) { return in_quotes(key.display); }, out);
   name_blind(
       observations, "stop", [](const StackKey& key) { return std::to_string(key.stop); }, out);
-  std::vector<SurfacePoint> points;
+  std::vector<MeasuredPoint> points;
   double measured_share = 0;
   if (mesh != nullptr && !mesh->observed.empty()) {
     points = measured_points(*mesh);

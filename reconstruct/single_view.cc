@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kFirstLevel = 4, kMinLevel = 5;
+constexpr int kFirstLevel = 4, kLeastLevel = 5;
 /// Finest leaves on each side of the surface: what signed_distance() works in, and one to spare.
 constexpr int kBandLeaves = 6;
 /// The flat back lies so many finest leaves behind the deepest point.
@@ -138,7 +138,7 @@ Result<Reconstructed> reconstruct_single_view(const Rig& rig, const NormalMap& m
   // Both check what they are given.
   static_cast<void>(ALHAZEN_TRY(Reconstruction::make(rig, volume, level, options)));
   static_cast<void>(ALHAZEN_TRY(make_normal_view(map, rig, options.vote)));
-  if (level < kMinLevel) {
+  if (level < kLeastLevel) {
     return Error{Code::invalid, "level is " + std::to_string(level) + ", allowed 5 to 11"};
   }
   Reconstructed result{{}, Octree::uniform(volume, kFirstLevel), {}, {}, {}, {}, {}, 0, 0, 0};

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""clang-tidy on the files changed since the parent commit: check_tidy.py BUILD [--all]
+"""clang-tidy on the files changed since the parent commit: check_tidy.py [--all]
 
---all takes every .cc, and with it every header. BUILD is a configured build folder: its compile commands are used, and
-BUILD/tidy.json remembers what was found clean. Such a file is passed over until its text, that of a header of the project
-that it includes, its compile command or .clang-tidy changes.
+--all takes every .cc, and with it every header. The compile commands are those of the preset tidy, file by file, so that a
+file that forgets an include is found too. build/tidy/tidy.json remembers what was found clean. Such a file is passed over
+until its text, that of a header of the project that it includes, its compile command or .clang-tidy changes.
 """
 import concurrent.futures
 import functools
@@ -49,7 +49,9 @@ def chosen(every):
     return sorted(name for name in set(names.split()) if (ROOT / name).is_file())
 
 
-def main(build, every):
+def main(every):
+    build = ROOT / "build/tidy"
+    run("cmake", "--preset", "tidy")
     record = build / "tidy.json"
     clean = json.loads(record.read_text()) if record.exists() else {}
     commands = {c["file"]: c["command"] for c in json.loads((build / "compile_commands.json").read_text())}
@@ -77,6 +79,6 @@ def main(build, every):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2 or sys.argv[2:] not in ([], ["--all"]):
+    if sys.argv[1:] not in ([], ["--all"]):
         sys.exit(__doc__)
-    sys.exit(main(pathlib.Path(sys.argv[1]).resolve(), every="--all" in sys.argv))
+    sys.exit(main(every="--all" in sys.argv))

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -15,6 +16,9 @@ namespace alhazen {
 
 // The sub-commands of alhazen-reconstruct, each in its own file reconstruct_NAME.cc. Results go to
 // standard output, progress to the Run.
+
+/// Of a table that a sub-command is given.
+constexpr std::uint64_t kMaxTableBytes = std::uint64_t{1} << 30;
 
 /// alhazen-reconstruct info
 struct InfoArgs {

@@ -21,8 +21,6 @@
 namespace alhazen {
 namespace {
 
-constexpr std::uint64_t kMaxTableBytes = std::uint64_t{1} << 30;
-
 struct DisplaySize {
   int width_px = 0, height_px = 0;
 };

@@ -11,11 +11,7 @@
 #include "tools/reconstruct_commands.h"
 
 namespace alhazen {
-namespace {
-
-constexpr std::uint64_t kMaxTableBytes = std::uint64_t{1} << 28;
-
-}  // namespace
+namespace {}  // namespace
 
 Status reconstruct_normals(const NormalsArgs& args, const Run& run) {
   const Rig rig = ALHAZEN_TRY(Rig::load(args.rig));

@@ -14,8 +14,6 @@
 namespace alhazen {
 namespace {
 
-constexpr std::uint64_t kMaxTableBytes = std::uint64_t{1} << 28;
-
 /// Linear intensities of a grey picture, 1 = full scale.
 std::vector<float> linear(const Image& image, double gamma) {
   const double full = (1 << image.bits()) - 1;

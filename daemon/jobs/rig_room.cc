@@ -33,7 +33,7 @@ class Checks {
   json rows_ = json::array();
 };
 
-std::string size_text(int width_px, int height_px) {
+std::string panel_text(int width_px, int height_px) {
   return std::to_string(width_px) + " x " + std::to_string(height_px) + " px";
 }
 
@@ -60,8 +60,8 @@ void check_camera(DeviceSet& devices, const Rig& rig, const DeviceDescription& a
   else
     checks.add(about.name + " calibration",
                model->width_px == info.width_px && model->height_px == info.height_px,
-               "sensor " + size_text(info.width_px, info.height_px) + ", calibrated " +
-                   size_text(model->width_px, model->height_px));
+               "sensor " + panel_text(info.width_px, info.height_px) + ", calibrated " +
+                   panel_text(model->width_px, model->height_px));
   CameraSettings wanted = devices.preferred_settings(about.name);
   wanted.region = {0, 0, info.width_px, info.height_px};
   const auto set = devices.camera(about.name)->configure(wanted);
@@ -123,8 +123,8 @@ void check_display(const Rig& rig, const DeviceDescription& about, Checks& check
   else
     checks.add(about.name + " calibration",
                model->width_px == info.width_px && model->height_px == info.height_px,
-               "panel " + size_text(info.width_px, info.height_px) + ", calibrated " +
-                   size_text(model->width_px, model->height_px));
+               "panel " + panel_text(info.width_px, info.height_px) + ", calibrated " +
+                   panel_text(model->width_px, model->height_px));
 }
 
 }  // namespace

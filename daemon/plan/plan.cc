@@ -20,14 +20,14 @@ constexpr double kRegionMarginPx = 4.0;
 /// Points on each edge of the cube that are projected.
 constexpr int kEdgeSamples = 9;
 
-std::string shown(double value) {
+std::string text_of(double value) {
   std::string text = std::to_string(value);
   while (text.back() == '0') text.pop_back();
   if (text.back() == '.') text.pop_back();
   return text;
 }
 
-std::string shown(Micros time) { return std::to_string(time.count()) + " us"; }
+std::string text_of(Micros time) { return std::to_string(time.count()) + " us"; }
 
 Error invalid(const std::string& key, const std::string& given, const std::string& wanted) {
   return {Code::invalid, "'" + key + "' is " + given + "; it must be " + wanted};
@@ -114,14 +114,14 @@ Result<std::vector<Stop>> stops_of(const PlanChoices& choices,
                      "a list of 1 to 360");
     for (std::size_t i = 0; i < given.size(); ++i) {
       if (!(std::abs(given[i]) <= 360.0))
-        return invalid("plan.angles_deg", shown(given[i]), "within [-360, 360]");
+        return invalid("plan.angles_deg", text_of(given[i]), "within [-360, 360]");
       if (i > 0 && given[i] <= given[i - 1])
-        return invalid("plan.angles_deg", shown(given[i]) + " after " + shown(given[i - 1]),
+        return invalid("plan.angles_deg", text_of(given[i]) + " after " + text_of(given[i - 1]),
                        "a rising list");
       angles_rad.push_back(given[i] * kRadPerDeg);
     }
     if (given.back() - given.front() >= 360.0)
-      return invalid("plan.angles_deg", "spread over " + shown(given.back() - given.front()),
+      return invalid("plan.angles_deg", "spread over " + text_of(given.back() - given.front()),
                      "spread over less than 360");
   } else {
     const int stops = choices.stops.value_or(12);
@@ -133,10 +133,10 @@ Result<std::vector<Stop>> stops_of(const PlanChoices& choices,
   if (table->min_rad < table->max_rad)
     for (const double angle : angles_rad)
       if (angle - kRunUpRad < table->min_rad || angle > table->max_rad)
-        return invalid("plan.angles_deg", shown(angle / kRadPerDeg),
+        return invalid("plan.angles_deg", text_of(angle / kRadPerDeg),
                        "within the table's travel less a run-up of 5 deg: [" +
-                           shown((table->min_rad + kRunUpRad) / kRadPerDeg) + ", " +
-                           shown(table->max_rad / kRadPerDeg) + "]");
+                           text_of((table->min_rad + kRunUpRad) / kRadPerDeg) + ", " +
+                           text_of(table->max_rad / kRadPerDeg) + "]");
   std::vector<Stop> stops;
   stops.reserve(angles_rad.size());
   for (const double angle : angles_rad) stops.push_back({static_cast<int>(stops.size()), angle});
@@ -220,9 +220,9 @@ Result<Region> region_of(const CameraModel& camera, const TableModel& table, con
   if (!(right >= 0 && bottom >= 0 && left < camera.width_px && top < camera.height_px) ||
       region.width < 1 || region.height < 1)
     return Error{Code::invalid,
-                 "camera " + camera.name + " does not see the volume (" + shown(volume.edge_mm) +
-                     " mm about " + shown(volume.centre_mm.x()) + ", " +
-                     shown(volume.centre_mm.y()) + ", " + shown(volume.centre_mm.z()) +
+                 "camera " + camera.name + " does not see the volume (" + text_of(volume.edge_mm) +
+                     " mm about " + text_of(volume.centre_mm.x()) + ", " +
+                     text_of(volume.centre_mm.y()) + ", " + text_of(volume.centre_mm.z()) +
                      "); leave it out of 'plan.cameras' or move 'volume.centre_mm'"};
   return region;
 }
@@ -231,13 +231,13 @@ Result<Volume> volume_of(const PlanChoices& choices, const TableModel& table) {
   Volume volume;
   volume.edge_mm = choices.edge_mm.value_or(volume.edge_mm);
   if (!(volume.edge_mm >= kMinEdgeMm && volume.edge_mm <= kMaxEdgeMm))
-    return invalid("volume.edge_mm", shown(volume.edge_mm), "within [1, 2000]");
+    return invalid("volume.edge_mm", text_of(volume.edge_mm), "within [1, 2000]");
   if (choices.centre_mm) {
     volume.centre_mm = *choices.centre_mm;
     for (const double coordinate :
          {volume.centre_mm.x(), volume.centre_mm.y(), volume.centre_mm.z()})
       if (!(std::abs(coordinate) <= kMaxCentreMm))
-        return invalid("volume.centre_mm", shown(coordinate), "within [-2000, 2000]");
+        return invalid("volume.centre_mm", text_of(coordinate), "within [-2000, 2000]");
     return volume;
   }
   // Where the axis meets the plate (z = 0); an axis lying in it has no such point.
@@ -264,12 +264,12 @@ Result<PlannedCamera> plan_camera(const std::string& name, const PlanChoices& ch
   camera.settings.exposure = choices.exposure.value_or(facts->preferred.exposure);
   camera.settings.gain_db = choices.gain_db.value_or(facts->preferred.gain_db);
   if (camera.settings.exposure < info.exposure_min || camera.settings.exposure > info.exposure_max)
-    return invalid("plan.exposure_us", shown(camera.settings.exposure),
-                   "within [" + shown(info.exposure_min) + ", " + shown(info.exposure_max) +
+    return invalid("plan.exposure_us", text_of(camera.settings.exposure),
+                   "within [" + text_of(info.exposure_min) + ", " + text_of(info.exposure_max) +
                        "] for camera " + name);
   if (!(camera.settings.gain_db >= info.gain_min_db && camera.settings.gain_db <= info.gain_max_db))
-    return invalid("plan.gain_db", shown(camera.settings.gain_db),
-                   "within [" + shown(info.gain_min_db) + ", " + shown(info.gain_max_db) +
+    return invalid("plan.gain_db", text_of(camera.settings.gain_db),
+                   "within [" + text_of(info.gain_min_db) + ", " + text_of(info.gain_max_db) +
                        "] for camera " + name);
   camera.settings.region = choices.crop.value_or(true)
                                ? ALHAZEN_TRY(region_of(model, rig.turntable, volume, stops))

@@ -14,6 +14,7 @@
 
 #include "alhazen/caught.h"
 #include "reconstruct/exchange/document.h"
+#include "reconstruct/scan/limits.h"
 #include "reconstruct/scan/safe_file.h"
 
 namespace alhazen {
@@ -21,7 +22,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr int kMaxSide_px = 65'535;
 constexpr std::uint64_t kMaxCameraFileBytes = 4U << 20U;
 // images.txt holds the observed points of every picture, which are passed over.
 constexpr std::uint64_t kMaxColmapBytes = std::uint64_t{1} << 30;
@@ -114,7 +114,7 @@ Result<std::vector<double>> numbers_of(const Found& found) {
 }
 
 Result<int> side_of(const Found& found, double side) {
-  if (!(side >= 1 && side <= kMaxSide_px) || side != std::floor(side))
+  if (!(side >= 1 && side <= limits::kSide_px) || side != std::floor(side))
     return wrong(found, "whole numbers in [1, 65535]");
   return static_cast<int>(side);
 }
@@ -356,8 +356,9 @@ Status read_colmap_camera(Words& words, std::map<std::int64_t, ForeignCamera>& c
     return error;
   }
   ForeignCamera camera;
-  camera.model.width_px = static_cast<int>(ALHAZEN_TRY(words.whole("WIDTH", 1, kMaxSide_px)));
-  camera.model.height_px = static_cast<int>(ALHAZEN_TRY(words.whole("HEIGHT", 1, kMaxSide_px)));
+  camera.model.width_px = static_cast<int>(ALHAZEN_TRY(words.whole("WIDTH", 1, limits::kSide_px)));
+  camera.model.height_px =
+      static_cast<int>(ALHAZEN_TRY(words.whole("HEIGHT", 1, limits::kSide_px)));
   camera.has_size = true;
   for (const int place : kind->places) {
     const double value = ALHAZEN_TRY(words.number("PARAMS"));

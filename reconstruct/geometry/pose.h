@@ -22,6 +22,13 @@ struct Pose {
   }
 };
 
+/// [v]: the matrix with [v] w = v × w.
+[[nodiscard]] inline Eigen::Matrix3d cross_of(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
 /// A half line: unit direction, same frame as its origin.
 struct Ray {
   Eigen::Vector3d origin_mm, direction;

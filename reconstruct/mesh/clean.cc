@@ -14,7 +14,7 @@ namespace alhazen {
 namespace {
 
 using Triangle = std::array<std::uint32_t, 3>;
-constexpr std::uint32_t kNone = 0xffffffffU;
+constexpr std::uint32_t kNoVertex = 0xffffffffU;
 /// A triangle whose height is below this share of its longest side is worth turning that side.
 constexpr double kFlatTriangle = 0.1;
 
@@ -77,7 +77,7 @@ class Sets {
 
 /// Keeps the triangles and vertices marked; every list follows.
 void compact(Mesh& mesh, const std::vector<std::uint8_t>& keep_triangle) {
-  std::vector<std::uint32_t> new_of(mesh.vertices_mm.size(), kNone);
+  std::vector<std::uint32_t> new_of(mesh.vertices_mm.size(), kNoVertex);
   std::vector<Triangle> triangles;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     if (keep_triangle[t] == 0) continue;
@@ -88,11 +88,11 @@ void compact(Mesh& mesh, const std::vector<std::uint8_t>& keep_triangle) {
   const auto move_down = [&](auto& list) {
     if (list.empty()) return;
     for (std::size_t v = 0; v < new_of.size(); ++v)
-      if (new_of[v] != kNone) list[new_of[v]] = list[v];
+      if (new_of[v] != kNoVertex) list[new_of[v]] = list[v];
     list.resize(kept);
   };
   for (std::uint32_t& v : new_of)
-    if (v != kNone) v = kept++;
+    if (v != kNoVertex) v = kept++;
   for (Triangle& t : triangles)
     for (std::uint32_t& v : t) v = new_of[v];
   mesh.triangles = std::move(triangles);
@@ -220,7 +220,7 @@ class Tidier {
   [[nodiscard]] std::uint32_t opposite(std::uint32_t t, std::uint32_t a, std::uint32_t b) const {
     for (const std::uint32_t v : mesh_.triangles[t])
       if (v != a && v != b) return v;
-    return kNone;
+    return kNoVertex;
   }
 
   /// Merges b into a, half way between them. The link condition (Dey et al. 1999: the rings of both

@@ -5,7 +5,7 @@
 namespace alhazen {
 namespace {
 
-constexpr int kNone = -1;
+constexpr int kNoEdge = -1;
 
 int edge_between(int corner_a, int corner_b) {
   const int low = std::min(corner_a, corner_b);
@@ -14,7 +14,7 @@ int edge_between(int corner_a, int corner_b) {
       return edge;
     }
   }
-  return kNone;
+  return kNoEdge;
 }
 
 /// Corners of a face, counter-clockwise seen from outside the cube.
@@ -71,7 +71,7 @@ CubePattern make(int inside) {
   // runs so that the inside corners it cuts off lie on its right: the neighbouring cube, which sees
   // the face from behind, runs it the other way, and loops turn outward.
   std::array<int, 12> next{};
-  next.fill(kNone);
+  next.fill(kNoEdge);
   for (int face = 0; face < 6; ++face) {
     const std::array<int, 4> corner = corners_of(face);
     for (std::size_t k = 0; k < 4; ++k) {
@@ -86,7 +86,7 @@ CubePattern make(int inside) {
   CubePattern pattern;
   std::array<bool, 12> is_done{};
   for (std::size_t start = 0; start < 12; ++start) {
-    if (next[start] == kNone || is_done[start]) continue;
+    if (next[start] == kNoEdge || is_done[start]) continue;
     CubePattern::Loop loop;
     for (std::size_t e = start; !is_done[e]; e = static_cast<std::size_t>(next[e])) {
       is_done[e] = true;

@@ -9,6 +9,7 @@
 
 #include "alhazen/image.h"
 #include "alhazen/result.h"
+#include "reconstruct/scan/region.h"
 
 namespace alhazen {
 
@@ -44,9 +45,7 @@ struct NormalMap {
   /// at least the rounding of the file it came from. Range [0, 1].
   double noise_rad = 0;
 
-  [[nodiscard]] std::size_t size_px() const noexcept {
-    return static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);
-  }
+  [[nodiscard]] std::size_t size_px() const noexcept { return pixel_count(region); }
 };
 
 }  // namespace alhazen

@@ -22,6 +22,7 @@
 
 #include "alhazen/caught.h"
 #include "reconstruct/scan/image_file.h"
+#include "reconstruct/scan/limits.h"
 #include "reconstruct/scan/safe_file.h"
 
 namespace alhazen {
@@ -29,7 +30,6 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "check_exr_header() assumes it");
 
-constexpr int kMaxSide_px = 65'535;
 constexpr std::uint64_t kMaxFileBytes = (std::uint64_t{1} << 31) - 1;  // OpenCV counts in int
 /// Lengths that a rounded unit vector can have; 8 bits round by 0.4 %, photometric stereo stores
 /// nothing else.
@@ -116,7 +116,7 @@ Result<Raw> read_exr(const std::string& bytes) {
   const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1;
   const std::int64_t height = std::int64_t{window.max.y} - window.min.y + 1;
   if (window.min.x < 0 || window.min.y < 0 || width < 1 || height < 1 ||
-      window.max.x > kMaxSide_px || window.max.y > kMaxSide_px) {
+      window.max.x > limits::kSide_px || window.max.y > limits::kSide_px) {
     return Error{Code::corrupt, "attribute 'dataWindow' reaches outside [0, 65535] px"};
   }
   switch (header.compression()) {
@@ -184,7 +184,7 @@ Result<Raw> read_png(std::string& bytes) {
                                         " channels; a normal map has red, green and blue of 8 or "
                                         "16 bits, and alpha at most"};
   }
-  if (picture.cols > kMaxSide_px || picture.rows > kMaxSide_px) {
+  if (picture.cols > limits::kSide_px || picture.rows > limits::kSide_px) {
     return Error{Code::invalid, "larger than 65535 px a side"};
   }
   Raw raw;
@@ -417,8 +417,8 @@ Status write_normal_map(const NormalMap& map, const std::filesystem::path& file)
   }
   if (map.size_px() == 0 || map.normal.size() != map.size_px() ||
       map.label.size() != map.size_px() || map.region.x < 0 || map.region.y < 0 ||
-      map.region.x + map.region.width > kMaxSide_px + 1 ||
-      map.region.y + map.region.height > kMaxSide_px + 1) {
+      map.region.x + map.region.width > limits::kSide_px + 1 ||
+      map.region.y + map.region.height > limits::kSide_px + 1) {
     return Error{Code::invalid,
                  "the normal map's lists are not of its region's size, or the region is empty"};
   }

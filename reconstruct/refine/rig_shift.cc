@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "alhazen/check.h"
+#include "reconstruct/geometry/pose.h"
 
 namespace alhazen {
 namespace {
@@ -18,12 +19,6 @@ Matrix3d turn_of(const Vector3d& rad) {
   const double angle = rad.norm();
   return angle > 0 ? Eigen::AngleAxisd(angle, rad / angle).toRotationMatrix()
                    : Matrix3d(Matrix3d::Identity());
-}
-
-Matrix3d cross_of(const Vector3d& v) {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
 }
 
 Vector3d middle_mm(const DisplayModel& display) {

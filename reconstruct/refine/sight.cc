@@ -1,4 +1,5 @@
 #include "reconstruct/refine/sight.h"
+#include "reconstruct/geometry/pose.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,13 +12,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-/// [v]: the matrix with [v] w = v × w.
-Matrix3d cross_of(const Vector3d& v) {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 /// Where a pixel lies among those of a light map.
 struct Place {

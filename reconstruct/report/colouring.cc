@@ -12,7 +12,7 @@ namespace alhazen {
 namespace {
 
 constexpr float kReadable = 0.35F;  // relief that leaves colours comparable
-constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+constexpr float kNoShare = std::numeric_limits<float>::quiet_NaN();
 
 /// The value below which a share of the finite ones lies; 0 where there is none.
 double quantile(std::vector<float> values, double share) {
@@ -40,7 +40,7 @@ std::vector<Colouring> colourings_of(const Report& report, const Mesh& mesh) {
     made.relief = kReadable;
     made.share.reserve(vertices);
     for (std::size_t i = 0; i < vertices; ++i)
-      made.share.push_back(is_observed(i) ? share_of(i) : kNone);
+      made.share.push_back(is_observed(i) ? share_of(i) : kNoShare);
     to.push_back(std::move(made));
   };
 

@@ -18,7 +18,7 @@ using Eigen::Vector3d;
 using Triangle = std::array<std::uint32_t, 3>;
 using Json = nlohmann::ordered_json;
 
-constexpr std::uint32_t kNone = 0xffffffffU;
+constexpr std::uint32_t kNoVertex = 0xffffffffU;
 constexpr double kSteps = 65535;            // of a place along each axis
 constexpr std::uint8_t kNotObserved = 255;  // instead of a share
 
@@ -41,14 +41,14 @@ Box box_of(std::size_t count, const Places& place_mm) {
 /// vertices named anew in the order of their first use.
 DisplayMesh with_representatives(const Mesh& mesh, const std::vector<std::uint32_t>& of) {
   DisplayMesh out;
-  std::vector<std::uint32_t> place(mesh.vertices_mm.size(), kNone);
+  std::vector<std::uint32_t> place(mesh.vertices_mm.size(), kNoVertex);
   for (const Triangle& t : mesh.triangles) {
     const Triangle source{of[t[0]], of[t[1]], of[t[2]]};
     if (source[0] == source[1] || source[1] == source[2] || source[2] == source[0]) continue;
     Triangle named{};
     for (std::size_t k = 0; k < 3; ++k) {
       std::uint32_t& at = place[source[k]];
-      if (at == kNone) {
+      if (at == kNoVertex) {
         at = static_cast<std::uint32_t>(out.source.size());
         out.source.push_back(source[k]);
       }
@@ -66,7 +66,7 @@ std::vector<std::uint32_t> nearest_to_mean(const Mesh& mesh, const Vector3d& low
     Vector3d sum_mm = Vector3d::Zero();
     std::size_t count = 0;
     double nearest_mm2 = std::numeric_limits<double>::infinity();
-    std::uint32_t nearest = kNone;
+    std::uint32_t nearest = kNoVertex;
   };
   std::vector<Cell> cells;
   std::unordered_map<std::uint64_t, std::uint32_t> at;
@@ -115,8 +115,8 @@ std::array<std::int16_t, 2> folded(const Vector3d& n) {
   return {number(at.x()), number(at.y())};
 }
 
-Json json_of(const Vector3d& p) { return Json{p.x(), p.y(), p.z()}; }
-Json json_of(const Colour& c) { return Json{c.r, c.g, c.b}; }
+Json list_of(const Vector3d& p) { return Json{p.x(), p.y(), p.z()}; }
+Json list_of(const Colour& c) { return Json{c.r, c.g, c.b}; }
 
 }  // namespace
 
@@ -199,15 +199,15 @@ Scene scene_of(const Mesh& mesh, const DisplayMesh& shown, std::span<const Colou
              {"triangles", shown.triangles.size()},
              {"of_triangles", mesh.triangles.size()},
              {"cell_mm", shown.cell_mm},
-             {"low_mm", json_of(box.low_mm)},
-             {"step_mm", json_of(step_mm)},
-             {"clay", json_of(kClay)},
-             {"not_observed", json_of(kUnobserved)},
+             {"low_mm", list_of(box.low_mm)},
+             {"step_mm", list_of(step_mm)},
+             {"clay", list_of(kClay)},
+             {"not_observed", list_of(kUnobserved)},
              {"colourings", Json::array()},
              {"views", Json::array()}};
   for (const Colouring& colouring : colourings) {
     Json stops = Json::array();
-    for (const Colour& stop : colouring.stops) stops.push_back(json_of(stop));
+    for (const Colour& stop : colouring.stops) stops.push_back(list_of(stop));
     facts["colourings"].push_back({{"name", colouring.name},
                                    {"explained", colouring.explained},
                                    {"labels", colouring.labels},
@@ -216,8 +216,8 @@ Scene scene_of(const Mesh& mesh, const DisplayMesh& shown, std::span<const Colou
   }
   for (const ViewDirection& view : six_views())
     facts["views"].push_back({{"name", view.name},
-                              {"toward", json_of(view.right.cross(view.up))},
-                              {"up", json_of(view.up)}});
+                              {"toward", list_of(view.right.cross(view.up))},
+                              {"up", list_of(view.up)}});
   // A page must not read an end of its script in it.
   for (const char c : facts.dump()) {
     if (c == '<') {

@@ -1,4 +1,5 @@
 #include "reconstruct/scan/csv_table.h"
+#include "reconstruct/scan/limits.h"
 
 #include <algorithm>
 #include <charconv>
@@ -9,7 +10,6 @@ namespace alhazen {
 namespace {
 
 constexpr int kMostLines = 1'000'000;
-constexpr std::size_t kShown = 60;  // bytes of a wrong value that a message repeats
 
 /// One line, split at commas (RFC 4180, without line ends inside quotes). Nothing where a quote is
 /// not closed.
@@ -70,7 +70,8 @@ Result<CsvTable> CsvTable::parse(std::string_view csv,
     }
     for (const std::string& name : *fields) {
       if (!contains(needed, name) && !contains(optional, name)) {
-        return Error{Code::invalid, where + "unknown column '" + name.substr(0, kShown) +
+        return Error{Code::invalid, where + "unknown column '" +
+                                        name.substr(0, limits::kShownBytes) +
                                         "'; the first line must name the columns"};
       }
       if (std::count(fields->begin(), fields->end(), name) > 1) {
@@ -98,7 +99,8 @@ std::string_view CsvTable::text(std::size_t row, std::string_view column) const 
 Error CsvTable::complaint(std::size_t row, std::string_view column,
                           std::string_view must_be) const {
   return {Code::invalid, "line " + std::to_string(line(row)) + ": column '" + std::string(column) +
-                             "' is '" + std::string(text(row, column).substr(0, kShown)) +
+                             "' is '" +
+                             std::string(text(row, column).substr(0, limits::kShownBytes)) +
                              "'; it must be " + std::string(must_be)};
 }
 

@@ -6,15 +6,14 @@
 
 #include "alhazen/caught.h"
 #include "reconstruct/scan/json_fields.h"
+#include "reconstruct/scan/limits.h"
 
 namespace alhazen {
 namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kLongestName = 64, kLongestPath = 1024;
-constexpr int kMaxSide_px = 65'535;
-constexpr std::int64_t kMaxExposure_us = 3'600'000'000;
+constexpr std::size_t kLongestPath = 1024;
 
 bool is_checksum(std::string_view text) {
   return text.size() == 16 && std::ranges::all_of(text, [](char c) {
@@ -59,17 +58,18 @@ Result<FrameRecord> parse_frame_record(std::string_view line) {
   JsonFields fields = ALHAZEN_TRY(JsonFields::make(document, "", Code::corrupt));
   FrameRecord record;
   record.step = ALHAZEN_TRY(fields.counter("step"));
-  record.camera = ALHAZEN_TRY(fields.text("camera", kLongestName));
-  record.display = ALHAZEN_TRY(fields.text("display", kLongestName));
+  record.camera = ALHAZEN_TRY(fields.text("camera", limits::kNameBytes));
+  record.display = ALHAZEN_TRY(fields.text("display", limits::kNameBytes));
   record.stop = ALHAZEN_TRY(fields.small("stop", 0, kMaxInt));
   record.pattern = ALHAZEN_TRY(fields.small("pattern", 0, kMaxInt));
   record.angle_rad = ALHAZEN_TRY(fields.number("angle_rad", -kMax, kMax));
-  record.settings.exposure = Micros(ALHAZEN_TRY(fields.integer("exposure_us", 0, kMaxExposure_us)));
+  record.settings.exposure =
+      Micros(ALHAZEN_TRY(fields.integer("exposure_us", 0, limits::kExposure_us)));
   record.settings.gain_db = ALHAZEN_TRY(fields.number("gain_db", -kMax, kMax));
   const json& region = *ALHAZEN_TRY(fields.list("region", 4, 4));
   for (const json& side : region) {
     if (!side.is_number_unsigned() ||
-        side.get<std::uint64_t>() > static_cast<std::uint64_t>(kMaxSide_px)) {
+        side.get<std::uint64_t>() > static_cast<std::uint64_t>(limits::kSide_px)) {
       return fields.complaint("region", "four whole numbers x, y, width, height in [0, 65535]");
     }
   }
@@ -78,7 +78,7 @@ Result<FrameRecord> parse_frame_record(std::string_view line) {
   record.exposure_begin_us = ALHAZEN_TRY(fields.integer("exposure_begin_us", -kMaxTime, kMaxTime));
   record.device_counter = ALHAZEN_TRY(fields.counter("device_counter"));
   record.attempt = ALHAZEN_TRY(fields.small("attempt", 1, kMaxInt));
-  record.checksum = ALHAZEN_TRY(fields.text("checksum", kLongestName));
+  record.checksum = ALHAZEN_TRY(fields.text("checksum", limits::kNameBytes));
   if (!is_checksum(record.checksum)) {
     return fields.complaint("checksum", "16 lower-case hexadecimal digits");
   }

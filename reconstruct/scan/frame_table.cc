@@ -9,18 +9,18 @@
 #include <utility>
 
 #include "reconstruct/scan/csv_table.h"
+#include "reconstruct/scan/limits.h"
 
 namespace alhazen {
 namespace {
 
-constexpr std::size_t kLongestName = 64;
-constexpr double kMaxAngle_deg = 1e6, kMaxExposure_us = 3.6e9;
+constexpr double kMaxAngle_deg = 1e6;
 constexpr int kMaxStop = 1'000'000, kMaxBit = 13, kMaxPeriod_px = 16'384, kMaxSteps = 64;
 
 /// Device names become parts of file names.
 Result<std::string> name(const CsvTable& table, std::size_t row, std::string_view column) {
   const std::string_view field = table.text(row, column);
-  const bool good = !field.empty() && field.size() <= kLongestName && field.front() != '.' &&
+  const bool good = !field.empty() && field.size() <= limits::kNameBytes && field.front() != '.' &&
                     std::ranges::all_of(field, [](char c) {
                       return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') ||
                              (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
@@ -94,8 +94,8 @@ Result<TableFrame> read_frame(const CsvTable& table, std::size_t row) {
   frame.key.stop = ALHAZEN_TRY(table.integer(row, "stop", 0, kMaxStop));
   frame.angle_rad = ALHAZEN_TRY(table.number(row, "angle_deg", -kMaxAngle_deg, kMaxAngle_deg)) *
                     std::numbers::pi / 180;
-  frame.exposure =
-      Micros(std::llround(ALHAZEN_TRY(table.number(row, "exposure_us", 0, kMaxExposure_us))));
+  frame.exposure = Micros(std::llround(
+      ALHAZEN_TRY(table.number(row, "exposure_us", 0, static_cast<double>(limits::kExposure_us)))));
   frame.pattern = ALHAZEN_TRY(read_pattern(table, row));
   return frame;
 }

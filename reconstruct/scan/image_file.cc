@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "alhazen/caught.h"
+#include "reconstruct/scan/limits.h"
 #include "reconstruct/scan/safe_file.h"
 
 namespace alhazen {
 namespace {
 
-constexpr std::uint64_t kMaxFileBytes = (std::uint64_t{1} << 31) - 1;  // OpenCV counts in int
-constexpr int kMaxSide_px = 65'535;
+constexpr std::uint64_t kMaxPictureBytes = (std::uint64_t{1} << 31) - 1;  // OpenCV counts in int
 // Frames are written while the rig waits: speed counts more than the last bytes.
 constexpr int kPngCompression = 1;
 
@@ -50,7 +50,7 @@ Result<Image> read_image(const std::filesystem::path& file, int bits) {
                  "a pixel of " + std::to_string(bits) + " bits; it must be in [8, 16], or 0"};
   }
   const std::string name = std::string("picture '") + file.string() + "'";
-  std::string bytes = ALHAZEN_TRY(read_file(file, kMaxFileBytes));
+  std::string bytes = ALHAZEN_TRY(read_file(file, kMaxPictureBytes));
   if (bytes.empty()) return Error{Code::corrupt, name + " is empty"};
   return caught(Code::corrupt, name, [&]() -> Result<Image> {
     const cv::Mat encoded(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data());
@@ -58,7 +58,7 @@ Result<Image> read_image(const std::filesystem::path& file, int bits) {
     if (picture.empty() || (picture.depth() != CV_8U && picture.depth() != CV_16U)) {
       return Error{Code::corrupt, name + " is no picture of 8 or 16 bits a pixel"};
     }
-    if (picture.cols > kMaxSide_px || picture.rows > kMaxSide_px) {
+    if (picture.cols > limits::kSide_px || picture.rows > limits::kSide_px) {
       return Error{Code::invalid, name + " is larger than 65535 px a side"};
     }
     const bool is_8 = picture.depth() == CV_8U;

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "alhazen/result.h"
+#include "reconstruct/scan/limits.h"
 
 namespace alhazen {
 
@@ -102,10 +103,9 @@ class JsonFields {
 
   /// "key 'a.b' is VALUE; it must be RANGE" as an Error.
   [[nodiscard]] Error complaint(const char* key, std::string_view must_be) const {
-    constexpr std::size_t kShown = 60;  // bytes of a wrong value that a message repeats
     std::string shown =
         (*object_)[key].dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
-    if (shown.size() > kShown) shown = shown.substr(0, kShown) + "...";
+    if (shown.size() > limits::kShownBytes) shown = shown.substr(0, limits::kShownBytes) + "...";
     return {code_,
             "key '" + path_of(key) + "' is " + shown + "; it must be " + std::string(must_be)};
   }

@@ -13,6 +13,7 @@
 
 #include "alhazen/image.h"
 #include "reconstruct/scan/pixel_memory.h"
+#include "reconstruct/scan/region.h"
 
 namespace alhazen {
 
@@ -87,9 +88,7 @@ struct LightMap {
   PixelList<Label> label;
   PixelList<std::uint8_t> bit_u, bit_v;  ///< finest Gray bit that was resolved, 0 = finest
 
-  [[nodiscard]] std::size_t size_px() const noexcept {
-    return static_cast<std::size_t>(region.width) * static_cast<std::size_t>(region.height);
-  }
+  [[nodiscard]] std::size_t size_px() const noexcept { return pixel_count(region); }
   [[nodiscard]] bool has_whole_lists() const noexcept {
     const std::size_t size = size_px();
     return u_px.size() == size && v_px.size() == size && sigma_u_px.size() == size &&

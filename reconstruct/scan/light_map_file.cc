@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "alhazen/caught.h"
+#include "reconstruct/scan/limits.h"
 #include "reconstruct/scan/safe_file.h"
 
 namespace alhazen {
@@ -31,8 +32,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "read_bytes() below assumes it");
 
-constexpr int kMaxSide_px = 65'535;
-constexpr std::uint64_t kMaxFileBytes = std::uint64_t{1} << 32;
+constexpr std::uint64_t kMaxLightMapBytes = std::uint64_t{1} << 32;
 // Bytes of a pixel in the file: two FLOAT and six HALF channels.
 constexpr std::uint64_t kPixelBytes = 20;
 // Two bytes say at most a run of 128.
@@ -258,7 +258,7 @@ Result<LightMap> read_header(const Imf::Header& header, std::size_t file_bytes) 
   const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1;
   const std::int64_t height = std::int64_t{window.max.y} - window.min.y + 1;
   if (window.min.x < 0 || window.min.y < 0 || width < 1 || height < 1 ||
-      window.max.x > kMaxSide_px || window.max.y > kMaxSide_px) {
+      window.max.x > limits::kSide_px || window.max.y > limits::kSide_px) {
     return Error{Code::corrupt, "attribute 'dataWindow' reaches outside [0, 65535] px"};
   }
   if (header.compression() != Imf::RLE_COMPRESSION) {
@@ -354,8 +354,8 @@ std::string light_map_name(const StackKey& key) {
 Status write_light_map(const LightMap& map, const std::filesystem::path& file) {
   const Region& region = map.region;
   const bool fits = region.x >= 0 && region.y >= 0 && region.width >= 1 && region.height >= 1 &&
-                    region.x + region.width <= kMaxSide_px + 1 &&
-                    region.y + region.height <= kMaxSide_px + 1 && map.key.stop >= 0 &&
+                    region.x + region.width <= limits::kSide_px + 1 &&
+                    region.y + region.height <= limits::kSide_px + 1 && map.key.stop >= 0 &&
                     map.has_whole_lists();
   if (!fits) {
     return Error{Code::invalid,
@@ -373,7 +373,7 @@ Result<LightMap> parse_light_map(std::string_view bytes) {
   return caught(Code::corrupt, "light map", [&]() -> Result<LightMap> {
     // A limit of the whole library: set once, for nobody else here reads OpenEXR.
     static const bool limited = [] {
-      Imf::Header::setMaxImageSize(kMaxSide_px + 1, kMaxSide_px + 1);
+      Imf::Header::setMaxImageSize(limits::kSide_px + 1, limits::kSide_px + 1);
       return true;
     }();
     static_cast<void>(limited);
@@ -392,7 +392,7 @@ Result<LightMap> parse_light_map(std::string_view bytes) {
 }
 
 Result<LightMap> read_light_map(const std::filesystem::path& file) {
-  const std::string bytes = ALHAZEN_TRY(read_file(file, kMaxFileBytes));
+  const std::string bytes = ALHAZEN_TRY(read_file(file, kMaxLightMapBytes));
   return parse_light_map(bytes).in("light map '" + file.string() + "'");
 }
 

@@ -9,6 +9,7 @@
 #include "reconstruct/pattern/draw.h"
 #include "reconstruct/pattern/gray_code.h"
 #include "reconstruct/scan/json_fields.h"
+#include "reconstruct/scan/limits.h"
 
 namespace alhazen {
 namespace {
@@ -17,12 +18,10 @@ using nlohmann::json;
 using Ordered = nlohmann::ordered_json;
 
 // Bounds of what a manifest may say. They are far beyond any rig and keep hostile files small.
-constexpr std::size_t kLongestName = 64, kLongestText = 4096;
+constexpr std::size_t kLongestText = 4096;
 constexpr std::size_t kMostStops = 100'000, kMostDisplays = 64, kMostCameras = 256;
 constexpr std::size_t kMostPatterns = 1024, kMostStacks = 1'000'000;
-constexpr int kMaxSensorSide_px = 65'535;
 constexpr double kMaxAngle_rad = 1e4, kMaxLength_mm = 1e6;
-constexpr std::int64_t kMaxExposure_us = 3'600'000'000;
 constexpr double kMaxGain_db = 200;
 
 constexpr std::array<const char*, 2> kCodings = {"gray", "gray_phase"};
@@ -48,7 +47,7 @@ const char* word_of(Enum value, const std::array<const char*, kCount>& words) {
 }
 
 bool is_device_name(std::string_view name) {
-  return !name.empty() && name.size() <= kLongestName && name.front() != '.' &&
+  return !name.empty() && name.size() <= limits::kNameBytes && name.front() != '.' &&
          std::ranges::all_of(name, [](char c) {
            return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
                   c == '-' || c == '_' || c == '.';
@@ -117,13 +116,14 @@ Result<PlannedDisplay> parse_display(JsonFields fields) {
 Result<PlannedCamera> parse_camera(JsonFields fields) {
   PlannedCamera camera;
   camera.name = ALHAZEN_TRY(device_name(fields));
-  camera.settings.exposure = Micros(ALHAZEN_TRY(fields.integer("exposure_us", 1, kMaxExposure_us)));
+  camera.settings.exposure =
+      Micros(ALHAZEN_TRY(fields.integer("exposure_us", 1, limits::kExposure_us)));
   camera.settings.gain_db = ALHAZEN_TRY(fields.number("gain_db", -kMaxGain_db, kMaxGain_db));
   JsonFields region = ALHAZEN_TRY(fields.object("region"));
-  camera.settings.region.x = ALHAZEN_TRY(region.small("x", 0, kMaxSensorSide_px));
-  camera.settings.region.y = ALHAZEN_TRY(region.small("y", 0, kMaxSensorSide_px));
-  camera.settings.region.width = ALHAZEN_TRY(region.small("width", 1, kMaxSensorSide_px));
-  camera.settings.region.height = ALHAZEN_TRY(region.small("height", 1, kMaxSensorSide_px));
+  camera.settings.region.x = ALHAZEN_TRY(region.small("x", 0, limits::kSide_px));
+  camera.settings.region.y = ALHAZEN_TRY(region.small("y", 0, limits::kSide_px));
+  camera.settings.region.width = ALHAZEN_TRY(region.small("width", 1, limits::kSide_px));
+  camera.settings.region.height = ALHAZEN_TRY(region.small("height", 1, limits::kSide_px));
   ALHAZEN_TRY(region.all_known());
   ALHAZEN_TRY(fields.all_known());
   return camera;
@@ -177,7 +177,7 @@ Status names_are_distinct(const Manifest& manifest) {
 }
 
 bool is_scan_id(std::string_view id) {
-  return !id.empty() && id.size() <= kLongestName && std::ranges::all_of(id, [](char c) {
+  return !id.empty() && id.size() <= limits::kNameBytes && std::ranges::all_of(id, [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-';
   });
 }
@@ -192,12 +192,12 @@ Result<Manifest> Manifest::parse(std::string_view text) {
   manifest.format = ALHAZEN_TRY(fields.small("format", 1, 1));
   manifest.scan_id = ALHAZEN_TRY(fields.text("scan_id", kLongestText));
   if (!is_scan_id(manifest.scan_id)) return fields.complaint("scan_id", "1 to 64 of a-z 0-9 -");
-  manifest.created_at = ALHAZEN_TRY(fields.text("created_at", kLongestName));
+  manifest.created_at = ALHAZEN_TRY(fields.text("created_at", limits::kNameBytes));
   manifest.object_id = ALHAZEN_TRY(fields.text("object_id", kLongestText));
   manifest.note = ALHAZEN_TRY(fields.text("note", kLongestText));
   manifest.operator_name = ALHAZEN_TRY(fields.text("operator", kLongestText));
   manifest.software_version = ALHAZEN_TRY(fields.text("software_version", kLongestText));
-  manifest.rig_hash = ALHAZEN_TRY(fields.text("rig_hash", kLongestName));
+  manifest.rig_hash = ALHAZEN_TRY(fields.text("rig_hash", limits::kNameBytes));
   manifest.coding = ALHAZEN_TRY(one_of<Coding>(fields, "coding", kCodings));
   manifest.keep_frames = ALHAZEN_TRY(one_of<KeepFrames>(fields, "keep_frames", kKeepFrames));
   manifest.volume = ALHAZEN_TRY(parse_volume(ALHAZEN_TRY(fields.object("volume"))));

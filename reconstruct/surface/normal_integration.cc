@@ -19,8 +19,8 @@ constexpr double kLeastLink = 1e-4;
 constexpr float kMass = 1e-7F;
 /// A normal nearer to grazing than this says nothing of a slope.
 constexpr double kLeastCosine = 0.02;
-constexpr double kTolerance = 1e-5;
-constexpr int kMaxIterations = 60;
+constexpr double kSolveTolerance = 1e-5;
+constexpr int kMaxSolveIterations = 60;
 
 /// Bits of a 16-bit number, spread to every third.
 std::uint64_t spread(std::uint64_t x) {
@@ -169,7 +169,8 @@ Result<DepthMap> integrate_normals(const NormalMap& map, const CameraModel& came
       }
     });
     Multigrid multigrid(pixels.grid);
-    result.residual = ALHAZEN_TRY(multigrid.solve(b, kTolerance, kMaxIterations, run, x)).residual;
+    result.residual =
+        ALHAZEN_TRY(multigrid.solve(b, kSolveTolerance, kMaxSolveIterations, run, x)).residual;
     result.rounds = round + 1;
 
     const double before = energy;

@@ -96,8 +96,8 @@ double variance_of(const Agreement& found, double noise_rad) {
          std::max(1.0, kPrior + 2 * found.weight - 3);
 }
 
-struct Working {
-  Working(const Observations& observations, const VoteOptions& options)
+struct DepthWork {
+  DepthWork(const Observations& observations, const VoteOptions& options)
       : gatherer(observations, options) {}
   Gatherer gatherer;
   PointBlock block;
@@ -148,14 +148,14 @@ Result<std::vector<DepthSample>> refine_depth(
   std::vector<DepthSample> samples(leaves.size());
   const double max_reach_mm = Gatherer::max_reach_mm(observations, octree.volume().centre_mm);
   const std::vector<LeafGroup> groups = groups_of(octree, leaves, max_reach_mm);
-  tbb::enumerable_thread_specific<Working> working(
-      [&] { return Working(observations, vote_options); });
+  tbb::enumerable_thread_specific<DepthWork> working(
+      [&] { return DepthWork(observations, vote_options); });
   const double residual_gate_rad =
       std::max(options.max_residual_rad, options.max_residual_noises * noise_rad);
   std::atomic<std::size_t> done = 0;
   for_each_index(groups.size(), [&](std::size_t g) {
     if (run.stopped()) return;
-    Working& mine = working.local();
+    DepthWork& mine = working.local();
     const LeafGroup& group = groups[g];
     const std::size_t count = group.end - group.begin;
     mine.at.resize(count);

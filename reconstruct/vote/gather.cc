@@ -31,11 +31,6 @@ int sight_at(const Observation& seen, float x_px, float y_px) {
                        static_cast<std::size_t>(static_cast<int>(x))];
 }
 
-template <class T>
-void grow(std::vector<T>& list, std::size_t size) {
-  if (list.size() < size) list.resize(size + size / 2);
-}
-
 }  // namespace
 
 void PointBlock::reset(const Eigen::Vector3d& centre_mm, double reach_mm) {
@@ -153,9 +148,9 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
     votes.free_space.assign(count, 1);
     return 0;
   }
-  grow(x_px_, count + kPadding);
-  grow(y_px_, count + kPadding);
-  grow(scratch_, 3 * (count + kPadding));
+  grow_to(x_px_, count + kPadding);
+  grow_to(y_px_, count + kPadding);
+  grow_to(scratch_, 3 * (count + kPadding));
   runs_.clear();
   std::size_t written = 0;
   std::uint64_t looked_up = 0;
@@ -184,10 +179,10 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
         look_for_sight(seen, block, static_cast<float>(spot->pixels_per_mm), votes);
       }
       if (!may_vote) continue;
-      grow(point_, written + count + kPadding);
-      grow(x_, written + count + kPadding);
-      grow(y_, written + count + kPadding);
-      grow(z_, written + count + kPadding);
+      grow_to(point_, written + count + kPadding);
+      grow_to(x_, written + count + kPadding);
+      grow_to(y_, written + count + kPadding);
+      grow_to(z_, written + count + kPadding);
       kernels::MapView map;
       map.uv_px = seen.uv_px.data();
       map.row_pair = seen.row_pair.data();
@@ -225,10 +220,10 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
     if (votes.count[i] > 0) total += votes.count[i] + static_cast<std::uint32_t>(kPadding);
     votes.count[i] = 0;
   }
-  grow(votes.x, total);
-  grow(votes.y, total);
-  grow(votes.z, total);
-  grow(votes.observation, total);
+  grow_to(votes.x, total);
+  grow_to(votes.y, total);
+  grow_to(votes.z, total);
+  grow_to(votes.observation, total);
   for (const Run& run : runs_) {
     for (std::size_t k = run.begin; k < run.end; ++k) {
       const std::uint32_t point = point_[k];

@@ -12,6 +12,12 @@
 
 namespace alhazen {
 
+/// Room for `size` elements and more: a list that is filled again and again seldom grows.
+template <class T>
+void grow_to(std::vector<T>& list, std::size_t size) {
+  if (list.size() < size) list.resize(size + size / 2);
+}
+
 /// Points near each other, as offsets from a centre; object frame. add() keeps the lists padded.
 class PointBlock {
  public:

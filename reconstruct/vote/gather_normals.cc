@@ -24,11 +24,6 @@ bool is_clear(const NormalView& seen, double x_px, double y_px, double radius_px
   return clear_at(seen, x_px, y_px) > std::ceil(radius_px) + 1;
 }
 
-template <class T>
-void grow(std::vector<T>& list, std::size_t size) {
-  if (list.size() < size) list.resize(size + size / 2);
-}
-
 }  // namespace
 
 bool Gatherer::is_clear_of_object(const PointBlock& block, double radius_mm) const {
@@ -64,9 +59,9 @@ std::uint64_t Gatherer::gather_normals(const PointBlock& block, BlockVotes& vote
     }
     if (!may_vote) continue;
 
-    grow(point_, written + count + kernels::kPadding);
+    grow_to(point_, written + count + kernels::kPadding);
     for (std::vector<float>* list : {&x_, &y_, &z_}) {
-      grow(*list, written + count + kernels::kPadding);
+      grow_to(*list, written + count + kernels::kPadding);
     }
     const std::size_t begin = written;
     const Eigen::Vector3f eye = (seen.view.eye_object_mm - block.centre_mm_).cast<float>();

@@ -1,4 +1,5 @@
 #include "reconstruct/vote/normal_view.h"
+#include "reconstruct/scan/region.h"
 
 #include <algorithm>
 #include <array>
@@ -8,10 +9,6 @@
 
 namespace alhazen {
 namespace {
-
-std::size_t area(const Region& box) {
-  return static_cast<std::size_t>(box.width) * static_cast<std::size_t>(box.height);
-}
 
 /// The smallest box, in pixels of the map's region, around all that have a normal.
 Region box_of(const NormalMap& map) {
@@ -127,7 +124,7 @@ Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
   seen.clear_px = clearances(map);
 
   const Region box = box_of(map);
-  if (area(box) == 0) return seen;
+  if (pixel_count(box) == 0) return seen;
   seen.box = {region.x + box.x, region.y + box.y, box.width, box.height};
   const auto source = [&](int x, int y) {
     return static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(region.width) +
@@ -137,8 +134,8 @@ Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(box.width) +
            static_cast<std::size_t>(x);
   };
-  seen.normal.resize(3 * area(box));
-  seen.cells.assign(area(box), 0);
+  seen.normal.resize(3 * pixel_count(box));
+  seen.cells.assign(pixel_count(box), 0);
   const int columns = (box.width + NormalView::kTilePx - 1) / NormalView::kTilePx;
   const int rows = (box.height + NormalView::kTilePx - 1) / NormalView::kTilePx;
   seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);

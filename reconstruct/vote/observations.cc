@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "reconstruct/scan/region.h"
 #include "reconstruct/vote/smooth_positions.h"
 
 namespace alhazen {
@@ -90,10 +91,6 @@ Region box_of(const LightMap& map, const std::vector<Label>& labels, Label label
   return {low_x, low_y, high_x - low_x + 1, high_y - low_y + 1};
 }
 
-std::size_t area(const Region& box) {
-  return static_cast<std::size_t>(box.width) * static_cast<std::size_t>(box.height);
-}
-
 /// How far a pixel is from the nearest without direct sight, chessboard steps, at most 255; beyond
 /// the box there is none. Two sweeps (Rosenfeld and Pfaltz, 1966).
 std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label>& labels,
@@ -118,7 +115,7 @@ std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label
       at(x, y) = lowered(at(x - 1, y), at(x - 1, y - 1), at(x, y - 1), at(x + 1, y - 1));
     }
   }
-  std::vector<std::uint8_t> result(area(box));
+  std::vector<std::uint8_t> result(pixel_count(box));
   for (int y = box.height - 1; y >= 0; --y) {
     for (int x = box.width - 1; x >= 0; --x) {
       const std::uint8_t back =
@@ -136,7 +133,7 @@ std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label
 float median_sigma(const LightMap& map, const PixelList<Imath::half>& sigma_px,
                    const std::vector<Label>& labels, const Region& box) {
   std::vector<float> list;
-  for (std::size_t k = 0; k < area(box); k += 7) {
+  for (std::size_t k = 0; k < pixel_count(box); k += 7) {
     const int x = box.x + static_cast<int>(k % static_cast<std::size_t>(box.width));
     const int y = box.y + static_cast<int>(k / static_cast<std::size_t>(box.width));
     const auto i = static_cast<std::size_t>(y) * static_cast<std::size_t>(map.region.width) +
@@ -308,11 +305,11 @@ Status Observations::add(const LightMap& map) {
   }
 
   const Region box = box_of(map, labels, Label::mirror);
-  if (area(box) > 0) {
+  if (pixel_count(box) > 0) {
     seen.box = {region.x + box.x, region.y + box.y, box.width, box.height};
     Positions positions{box.width, box.height, {}, {}};
-    positions.uv_px.resize(2 * area(box));
-    positions.is_valid.resize(area(box));
+    positions.uv_px.resize(2 * pixel_count(box));
+    positions.is_valid.resize(pixel_count(box));
     const auto source = [&](int x, int y) {
       return static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(region.width) +
              static_cast<std::size_t>(box.x + x);
@@ -347,7 +344,7 @@ Status Observations::add(const LightMap& map) {
     seen.noise_rad = static_cast<float>(std::hypot(positions.sigma_u_px * seen.u_object_mm.norm(),
                                                    positions.sigma_v_px * seen.v_object_mm.norm()) /
                                         (2 * std::sqrt(2.0) * away_mm));
-    seen.cells.assign((area(box) + 31) / 32, 0);
+    seen.cells.assign((pixel_count(box) + 31) / 32, 0);
     const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
     const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
     seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);
@@ -377,7 +374,7 @@ Status Observations::add(const LightMap& map) {
     keep_rows(positions, seen);
   }
   const Region sight = box_of(map, labels, Label::direct_sight);
-  if (area(sight) > 0) {
+  if (pixel_count(sight) > 0) {
     seen.sight_box = {region.x + sight.x, region.y + sight.y, sight.width, sight.height};
     seen.sight_px = distances(map, labels, sight);
   }

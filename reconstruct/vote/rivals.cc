@@ -70,8 +70,8 @@ class Claims {
   std::vector<std::atomic<std::uint32_t>> words_;
 };
 
-struct Working {
-  Working(const Observations& observations, const VoteOptions& options)
+struct RivalWork {
+  RivalWork(const Observations& observations, const VoteOptions& options)
       : gatherer(observations, options) {}
   Gatherer gatherer;
   PointBlock block;
@@ -104,7 +104,8 @@ Status remove_rivals(const Observations& observations, const VoteOptions& option
         observations.rig().cameras[view.camera],
         (view.eye_object_mm - octree.volume().centre_mm).norm() + octree.volume().edge_mm);
   }
-  tbb::enumerable_thread_specific<Working> working([&] { return Working(observations, options); });
+  tbb::enumerable_thread_specific<RivalWork> working(
+      [&] { return RivalWork(observations, options); });
 
   // Calls body(leaf, view, weight, pixel, distance) for each vote near the leaf's normal, and
   // after(leaf) behind its last.
@@ -113,7 +114,7 @@ Status remove_rivals(const Observations& observations, const VoteOptions& option
     const std::vector<LeafGroup> groups = groups_of(octree, leaves, max_reach_mm);
     for_each_index(groups.size(), [&](std::size_t g) {
       if (run.stopped()) return;
-      Working& mine = working.local();
+      RivalWork& mine = working.local();
       const LeafGroup& group = groups[g];
       mine.block.reset(group.centre_mm, group.reach_mm);
       for (std::size_t k = group.begin; k < group.end; ++k) {

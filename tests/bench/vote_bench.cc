@@ -13,6 +13,7 @@
 #include "reconstruct/vote/octree.h"
 #include "reconstruct/vote/voter.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 // Octree, voting and depth on an analytic sphere of 25 mm: eleven cameras, two displays, twelve
 // stops (264 light maps), Gray code, 0.3 mm pixels. A "hypothesis" is one look-up of a point in a
@@ -21,7 +22,6 @@
 namespace alhazen {
 namespace {
 
-const alhazen::Run kNobody{};
 const analytic::Sphere kSphere{{1, -0.5, 50}, 25};
 
 const Observations& observations() {

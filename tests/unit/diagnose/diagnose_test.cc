@@ -9,6 +9,7 @@
 
 #include "reconstruct/reconstruct.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {
@@ -17,7 +18,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-const alhazen::Run kNobody{};
 const Volume kVolume{};
 /// Beside the axis: one on it would look the same to a table that turns the other way.
 const analytic::Sphere kSphere{{11, -7, 47}, 17};

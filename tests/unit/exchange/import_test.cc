@@ -20,6 +20,7 @@
 #include "reconstruct/reconstruct.h"
 #include "reconstruct/scan/shortcomings.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 #include "tests/unit/scan/temporary_folder.h"
 
 namespace alhazen {
@@ -31,7 +32,6 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 const analytic::Sphere kSphere{{1, -0.5, 50}, 25};
-const alhazen::Run kNobody{};
 
 /// Pictures of a mirroring sphere as a camera would have taken them, and their table, on disk: what
 /// somebody else's software leaves behind.

@@ -13,6 +13,7 @@
 #include "reconstruct/reconstruct.h"
 #include "reconstruct/surface/normal_integration.h"
 #include "tests/experiment/normals_rows.h"
+#include "tests/support/nobody.h"
 #include "tests/support/views.h"
 
 namespace alhazen {
@@ -20,7 +21,6 @@ namespace {
 
 using Eigen::Vector3d;
 using testing::HasSubstr;
-const Run kNobody{};
 
 std::filesystem::path data_folder() {
   const char* told = std::getenv("ALHAZEN_DATA");

@@ -1,4 +1,5 @@
 #include "reconstruct/normals/photometric_stereo.h"
+#include "tests/support/nobody.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,9 +17,8 @@ namespace {
 using Eigen::Vector3d;
 using testing::HasSubstr;
 
-const Run kNobody{};
-constexpr int kSide_px = 61;
-constexpr double kRadius_px = 28;
+constexpr int kBallSide_px = 61;
+constexpr double kBallRadius_px = 28;
 
 /// Truth about the pixels of a sphere seen from afar.
 struct Ball {
@@ -28,10 +28,10 @@ struct Ball {
 
 Ball ball() {
   Ball made;
-  for (int y = 0; y < kSide_px; ++y) {
-    for (int x = 0; x < kSide_px; ++x) {
-      const double u = (x - (kSide_px - 1) / 2.0) / kRadius_px;
-      const double v = (y - (kSide_px - 1) / 2.0) / kRadius_px;
+  for (int y = 0; y < kBallSide_px; ++y) {
+    for (int x = 0; x < kBallSide_px; ++x) {
+      const double u = (x - (kBallSide_px - 1) / 2.0) / kBallRadius_px;
+      const double v = (y - (kBallSide_px - 1) / 2.0) / kBallRadius_px;
       const double inside = 1 - u * u - v * v;
       made.mask.push_back(inside > 0 ? 1 : 0);
       made.normal.push_back(inside > 0 ? Vector3d(u, v, -std::sqrt(inside))
@@ -57,7 +57,7 @@ std::vector<Light> ring(int count, double off_rad) {
 /// Lambertian pictures with attached shadows; `gloss`: a sharp lobe on top.
 LightStack shaded(const Ball& truth, const std::vector<Light>& lights, double gloss) {
   LightStack stack;
-  stack.width = stack.height = kSide_px;
+  stack.width = stack.height = kBallSide_px;
   stack.lights = lights;
   stack.mask = truth.mask;
   for (const Light& light : lights) {
@@ -107,7 +107,7 @@ TEST(PhotometricStereo, IsExactOnALambertianSphereInSpiteOfShadows) {
 
 TEST(PhotometricStereo, PlaneUnderKnownLightsComesOutTilted) {
   Ball plane;
-  plane.mask.assign(kSide_px * kSide_px, 1);
+  plane.mask.assign(kBallSide_px * kBallSide_px, 1);
   plane.normal.assign(plane.mask.size(), Vector3d(0.3, -0.2, -1).normalized());
   const auto found = photometric_stereo(shaded(plane, ring(8, 0.5), 0), {}, kNobody);
   ASSERT_TRUE(found) << found.error().text();
@@ -156,10 +156,10 @@ TEST(PhotometricStereo, NearLightsShineFromWhereTheyStand) {
   // A tilted plane 300 mm away, lights 250 mm beside and before it.
   const Vector3d n = Vector3d(0.2, 0.1, -1).normalized();
   LightStack stack;
-  stack.width = stack.height = kSide_px;
-  stack.mask.assign(kSide_px * kSide_px, 1);
-  for (int y = 0; y < kSide_px; ++y) {
-    for (int x = 0; x < kSide_px; ++x) {
+  stack.width = stack.height = kBallSide_px;
+  stack.mask.assign(kBallSide_px * kBallSide_px, 1);
+  for (int y = 0; y < kBallSide_px; ++y) {
+    for (int x = 0; x < kBallSide_px; ++x) {
       stack.point_mm.emplace_back(static_cast<float>(2 * (x - 30)),
                                   static_cast<float>(2 * (y - 30)), 300.0F);
     }
@@ -183,7 +183,7 @@ TEST(PhotometricStereo, NearLightsShineFromWhereTheyStand) {
   truth.mask = stack.mask;
   truth.normal.assign(truth.mask.size(), n);
   EXPECT_LT(error_of(*found, truth).first, 1e-3);
-  EXPECT_NEAR(found->albedo[30 * kSide_px + 30], 0.4F, 1e-3F);
+  EXPECT_NEAR(found->albedo[30 * kBallSide_px + 30], 0.4F, 1e-3F);
 
   stack.point_mm.clear();
   EXPECT_THAT(photometric_stereo(stack, {}, kNobody).error().what, HasSubstr("near light"));
@@ -203,13 +203,13 @@ TEST(MirrorBall, TellsTheLightsByItsHighlights) {
           0.95 * std::exp(-20 * (mirrored - light.vector.normalized()).squaredNorm()));
     }
   }
-  const auto found = lights_of_mirror_ball(kSide_px, kSide_px, pictures, truth.mask);
+  const auto found = lights_of_mirror_ball(kBallSide_px, kBallSide_px, pictures, truth.mask);
   ASSERT_TRUE(found) << found.error().text();
   for (std::size_t k = 0; k < lights.size(); ++k) {
     EXPECT_LT(((*found)[k].vector.normalized() - lights[k].vector.normalized()).norm(), 0.03) << k;
   }
   pictures[4].assign(truth.mask.size(), 0.0F);
-  EXPECT_THAT(lights_of_mirror_ball(kSide_px, kSide_px, pictures, truth.mask).error().what,
+  EXPECT_THAT(lights_of_mirror_ball(kBallSide_px, kBallSide_px, pictures, truth.mask).error().what,
               HasSubstr("picture 4"));
 }
 
@@ -234,7 +234,7 @@ TEST(PhotometricStereo, RefusesWhatCannotBe) {
   EXPECT_THAT(refused([](LightStack& s) { s.lights[5].vector.setZero(); }), HasSubstr("light 5"));
   EXPECT_THAT(refused([](LightStack& s) { s.lights[5].intensity = -1; }), HasSubstr("intensity"));
   EXPECT_THAT(refused([](LightStack& s) {
-                s.intensity[2][30 * kSide_px + 30] = std::numeric_limits<float>::quiet_NaN();
+                s.intensity[2][30 * kBallSide_px + 30] = std::numeric_limits<float>::quiet_NaN();
               }),
               HasSubstr("not finite"));
   EXPECT_THAT(refused([](LightStack& s) {

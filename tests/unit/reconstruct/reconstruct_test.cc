@@ -16,6 +16,7 @@
 
 #include "reconstruct/mesh/clean.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {
@@ -24,7 +25,6 @@ using testing::HasSubstr;
 
 const Volume kVolume{};
 const analytic::Sphere kSphere{{1, -0.5, 50}, 25};
-const alhazen::Run kNobody{};
 
 /// A small scan of the sphere: 288 Gray maps with coarse pixels.
 struct SmallScan {

@@ -16,6 +16,7 @@
 #include "reconstruct/refine/sight.h"
 #include "reconstruct/vote/depth.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {
@@ -24,7 +25,6 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 using testing::HasSubstr;
 
-const alhazen::Run kNobody{};
 const Vector3d kCentre(0, 0, 51.2);
 /// The scatter of a phase coding's positions at the footprints of these rigs.
 constexpr double kNoisePx = 0.15;

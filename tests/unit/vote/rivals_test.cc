@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {
 
-const alhazen::Run kNobody{};  // nobody listens, nobody stops
 constexpr double kMinConsistency = 0.25;
 
 /// A sphere of whose top nothing is seen: no display above.

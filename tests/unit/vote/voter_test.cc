@@ -12,12 +12,12 @@
 
 #include "reconstruct/vote/depth.h"
 #include "tests/support/analytic.h"
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {
 
 const Volume kVolume{};
-const alhazen::Run kNobody{};  // nobody listens, nobody stops
 
 analytic::RigSize small_rig() {
   analytic::RigSize size;

@@ -1,0 +1,10 @@
+#pragma once
+
+#include "reconstruct/run.h"
+
+namespace alhazen {
+
+/// Nobody listens, nobody stops.
+inline const Run kNobody{};
+
+}  // namespace alhazen
