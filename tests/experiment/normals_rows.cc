@@ -286,6 +286,7 @@ Row stereo_figures(const std::string& name, const PsSet& set, const StereoMap& f
 }  // namespace
 
 Result<Rows> real_photometric_stereo(const std::filesystem::path& data,
+                                     const std::vector<std::string>& sets,
                                      const std::filesystem::path& out, const Run& run) {
   const std::filesystem::path folder = data / "ps_uw";
   const std::vector<Light> given = ALHAZEN_TRY(read_lights(folder / "lights.txt"));
@@ -305,8 +306,8 @@ Result<Rows> real_photometric_stereo(const std::filesystem::path& data,
       {"", given, ours.rounds, ours.dark_share, ours.bright_share},
       {", plain", given, 0, 0, 0},
       {", lights of the mirror ball", from_ball, ours.rounds, ours.dark_share, ours.bright_share}};
-  for (const char* name : {"gray", "buddha", "cat", "horse"}) {
-    const bool is_ball = std::string_view(name) == "gray";
+  for (const std::string& name : sets) {
+    const bool is_ball = name == "gray";
     for (const Way& way : ways) {
       const PsSet set = ALHAZEN_TRY(read_set(folder, name, way.lights, is_ball));
       StereoOptions options;
@@ -314,7 +315,7 @@ Result<Rows> real_photometric_stereo(const std::filesystem::path& data,
       options.dark_share = way.dark_share;
       options.bright_share = way.bright_share;
       const StereoMap found = ALHAZEN_TRY(photometric_stereo(set.stack, options, run));
-      Row row = stereo_figures(std::string("photometric_stereo ") + name + way.name, set, found);
+      Row row = stereo_figures("photometric_stereo " + name + way.name, set, found);
       const bool is_ours = &way == &ways[0];
       if (is_ball && is_ours) {
         row["must_mean_deg"] = 5.0;
@@ -324,7 +325,7 @@ Result<Rows> real_photometric_stereo(const std::filesystem::path& data,
       if (out.empty() || !is_ours) continue;
       std::error_code error;
       std::filesystem::create_directories(out, error);
-      ALHAZEN_TRY(write_normal_map(found.map, out / (std::string("ps_") + name + ".png")));
+      ALHAZEN_TRY(write_normal_map(found.map, out / ("ps_" + name + ".png")));
     }
   }
   return rows;
@@ -605,7 +606,8 @@ void add_normal_rows(std::vector<Experiment>& list) {
   list.push_back({"photometric_stereo",
                   "real pictures under twelve lights, a matte ball among them",
                   [](const Context& context) {
-                    return real_photometric_stereo(context.data, context.out, context.run);
+                    return real_photometric_stereo(context.data, {"gray", "buddha", "cat", "horse"},
+                                                   context.out, context.run);
                   }});
   list.push_back({"clay_mask", "painted, partly glossy clay, 198 lights in 22 views",
                   [](const Context& context) { return clay_mask(2, context.out, context.run); }});

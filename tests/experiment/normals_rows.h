@@ -41,8 +41,10 @@ struct NormalViews {
 [[nodiscard]] Result<Rows> buddha_normals(const std::filesystem::path& data,
                                           const std::filesystem::path& out, const Run& run);
 
-/// Photometric stereo on ps_uw: against the true normals of the balls, else its residual.
+/// Photometric stereo on `sets` of ps_uw, which are "gray" (the matte ball), "buddha", "cat" and
+/// "horse": against the true normals of the ball, else its residual.
 [[nodiscard]] Result<Rows> real_photometric_stereo(const std::filesystem::path& data,
+                                                   const std::vector<std::string>& sets,
                                                    const std::filesystem::path& out,
                                                    const Run& run);
 

@@ -57,8 +57,8 @@ TEST(NormalMaps, OfATorusGiveATorus) {
   experiment::NormalViews views;
   views.elevations_deg = {-25, 15, 60};
   views.stops = 8;
-  views.pixel_mm = 0.5;
-  views.level = 7;
+  views.pixel_mm = 0.8;
+  views.level = 6;
   const auto rows =
       experiment::normals_of_mesh("torus", truth, views, Options::for_normal_maps(), {}, kNobody);
   ASSERT_TRUE(rows) << rows.error().text();
@@ -145,7 +145,7 @@ class RealStereo : public testing::Test {
 };
 
 TEST_F(RealStereo, MatteBallIsNearerToItsOutlineThanPlainLeastSquares) {
-  const auto rows = experiment::real_photometric_stereo(data_folder(), {}, kNobody);
+  const auto rows = experiment::real_photometric_stereo(data_folder(), {"gray"}, {}, kNobody);
   ASSERT_TRUE(rows) << rows.error().text();
   double plain_deg = 0, ours_deg = 0;
   for (const experiment::Row& row : *rows) {

@@ -17,12 +17,12 @@ struct TopIsUnseen {
   TopIsUnseen() {
     analytic::RigSize size;
     size.cameras = 6;
-    size.pixel_mm = 0.3;
-    size.sensor_px = 400;
+    size.pixel_mm = 0.45;
+    size.sensor_px = 270;
     size.has_above = false;
     const Rig rig = analytic::make_rig(size);
     observations.emplace(rig, VoteOptions{}, Volume{}.centre_mm);
-    analytic::scan(rig, analytic::Sphere{}, 24, {.noise_px = 0.2}, {0, 0, 50}, 28,
+    analytic::scan(rig, analytic::Sphere{}, 12, {.noise_px = 0.2}, {0, 0, 50}, 28,
                    [&](const LightMap& map) { EXPECT_TRUE(observations->add(map)); });
     voter.emplace(*observations, VoteOptions{});
     field = *voter->vote(octree, nullptr, kNobody);
