@@ -171,6 +171,7 @@ void look_up(benchmark::State& state) {
   std::vector<std::uint32_t> cells(kSide * kSide / 32, ~0u);
   kernels::MapView map;
   std::vector<std::int32_t> row_pair;
+  row_pair.reserve(kSide);
   for (int y = 0; y < kSide; ++y) row_pair.push_back(y * kSide);
   map.uv_px = uv.data();
   map.row_pair = row_pair.data();

@@ -21,7 +21,7 @@ using testing::IsEmpty;
 const Volume kVolume{};
 /// Beside the axis: one on it would look the same to a table that turns the other way.
 const analytic::Sphere kSphere{{11, -7, 47}, 17};
-constexpr int kStops = 9, kLevel = 6;
+constexpr int kStops = 12, kLevel = 6;
 
 struct Recorded {
   Rig rig;
@@ -191,7 +191,7 @@ TEST(Diagnose, WhatSawNothingIsNamed) {
     }
   }
   EXPECT_THAT(faults_of(reconstruct(recorded().rig, maps)),
-              ElementsAre("none of the 27 light maps of camera 'c02' holds a position",
+              ElementsAre("none of the 36 light maps of camera 'c02' holds a position",
                           "none of the 18 light maps of stop 7 holds a position"));
 }
 

@@ -22,7 +22,7 @@ struct TopIsUnseen {
     size.has_above = false;
     const Rig rig = analytic::make_rig(size);
     observations.emplace(rig, VoteOptions{}, Volume{}.centre_mm);
-    analytic::scan(rig, analytic::Sphere{}, 12, {.noise_px = 0.2}, {0, 0, 50}, 28,
+    analytic::scan(rig, analytic::Sphere{}, 16, {.noise_px = 0.2}, {0, 0, 50}, 28,
                    [&](const LightMap& map) { EXPECT_TRUE(observations->add(map)); });
     voter.emplace(*observations, VoteOptions{});
     field = *voter->vote(octree, nullptr, kNobody);
