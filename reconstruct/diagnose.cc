@@ -212,7 +212,7 @@ void name_blind(const Observations& observations, const char* kind, const KeyOf&
   for (const Observation& o : observations.all()) {
     auto& [maps, has_any] = seen[key_of(o.key)];
     ++maps;
-    has_any = has_any || !o.cells.empty() || !o.sight_px.empty();
+    has_any = has_any || !o.cells.empty() || !o.sight.px.empty();
   }
   for (const auto& [name, entry] : seen) {
     if (entry.second) continue;

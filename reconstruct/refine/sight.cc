@@ -1,10 +1,11 @@
 #include "reconstruct/refine/sight.h"
-#include "reconstruct/geometry/pose.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <optional>
+
+#include "reconstruct/geometry/pose.h"
 
 namespace alhazen {
 namespace {

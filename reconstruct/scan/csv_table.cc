@@ -1,10 +1,11 @@
 #include "reconstruct/scan/csv_table.h"
-#include "reconstruct/scan/limits.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <utility>
+
+#include "reconstruct/scan/limits.h"
 
 namespace alhazen {
 namespace {

@@ -6,7 +6,6 @@
 #include <limits>
 
 #include "alhazen/check.h"
-#include "reconstruct/vote/spot.h"
 
 namespace alhazen {
 namespace {
@@ -18,26 +17,13 @@ bool is_before(const Observation& seen, const Eigen::Vector3d& p_mm, double marg
   return (seen.origin_object_mm - p_mm).dot(seen.inward_object) > margin_mm;
 }
 
-/// Chessboard distance to the nearest pixel without direct sight, around a position.
-int sight_at(const Observation& seen, float x_px, float y_px) {
-  const float x = x_px - static_cast<float>(seen.sight_box.x) + 0.5F;
-  const float y = y_px - static_cast<float>(seen.sight_box.y) + 0.5F;
-  if (!(x >= 0 && y >= 0 && x < static_cast<float>(seen.sight_box.width) &&
-        y < static_cast<float>(seen.sight_box.height))) {
-    return 0;
-  }
-  return seen.sight_px[static_cast<std::size_t>(static_cast<int>(y)) *
-                           static_cast<std::size_t>(seen.sight_box.width) +
-                       static_cast<std::size_t>(static_cast<int>(x))];
-}
-
 }  // namespace
 
 void PointBlock::reset(const Eigen::Vector3d& centre_mm, double reach_mm) {
   centre_mm_ = centre_mm;
   reach_mm_ = reach_mm;
   count_ = 0;
-  may_be_free_ = false;
+  least_radius_mm_ = std::numeric_limits<float>::infinity();
 }
 
 void PointBlock::add(const Eigen::Vector3d& p_object_mm, double radius_mm) {
@@ -50,7 +36,7 @@ void PointBlock::add(const Eigen::Vector3d& p_object_mm, double radius_mm) {
   y_mm_[count_] = static_cast<float>(offset.y());
   z_mm_[count_] = static_cast<float>(offset.z());
   radius_mm_[count_] = static_cast<float>(radius_mm);
-  may_be_free_ = may_be_free_ || std::isfinite(radius_mm);
+  least_radius_mm_ = std::min(least_radius_mm_, radius_mm_[count_]);
   ++count_;
 }
 
@@ -110,17 +96,16 @@ bool Gatherer::is_free(const PointBlock& block) const {
   float ball = 0;
   for (std::size_t i = 0; i < block.count_; ++i) ball = std::max(ball, block.radius_mm_[i]);
   const double radius = block.reach_mm_ + ball;
-  for (const View& view : observations_.views()) {
-    std::optional<Spot> spot;
+  for (std::size_t v = 0; v < spots_.size(); ++v) {
+    const auto& spot = spots_[v];
+    if (!spot || !spot->has_before_it(radius)) continue;
+    const View& view = observations_.views()[v];
+    const auto radius_px = static_cast<float>(spot->radius_px(radius));
     for (std::size_t i = view.begin; i < view.end; ++i) {
       const Observation& seen = observations_.all()[i];
-      if (seen.sight_px.empty()) continue;
-      if (!spot) {
-        spot = spot_of(observations_.rig().cameras[view.camera], view, block.centre_mm_, radius);
-        if (!spot) break;
-      }
-      if (sight_at(seen, static_cast<float>(spot->centre_px.x()),
-                   static_cast<float>(spot->centre_px.y())) > std::ceil(spot->radius_px) + 1 &&
+      if (!seen.sight.px.empty() &&
+          seen.sight.holds(static_cast<float>(spot->centre_px.x()),
+                           static_cast<float>(spot->centre_px.y()), radius_px) &&
           is_before(seen, block.centre_mm_, radius)) {
         return true;
       }
@@ -129,12 +114,13 @@ bool Gatherer::is_free(const PointBlock& block) const {
   return is_clear_of_object(block, radius);
 }
 
-void Gatherer::look_for_sight(const Observation& seen, const PointBlock& block, float pixels_per_mm,
+void Gatherer::look_for_sight(const Clearance& sight, const PointBlock& block, float pixels_per_mm,
                               BlockVotes& votes) const {
   for (std::size_t i = 0; i < block.count_; ++i) {
-    if (votes.free_space[i] != 0) continue;
-    const auto sight = static_cast<float>(sight_at(seen, x_px_[i], y_px_[i]));
-    if (sight > std::ceil(block.radius_mm_[i] * pixels_per_mm) + 1) votes.free_space[i] = 1;
+    if (votes.free_space[i] == 0 &&
+        sight.holds(x_px_[i], y_px_[i], block.radius_mm_[i] * pixels_per_mm)) {
+      votes.free_space[i] = 1;
+    }
   }
 }
 
@@ -144,7 +130,11 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
   votes.count.assign(count, 0);
   votes.free_space.assign(count, 0);
   if (count == 0) return 0;
-  if (block.may_be_free_ && is_free(block)) {
+  spots_.clear();
+  for (const View& view : observations_.views()) {
+    spots_.push_back(spot_of(observations_.rig().cameras[view.camera], view, block.centre_mm_));
+  }
+  if (block.may_be_free() && is_free(block)) {
     votes.free_space.assign(count, 1);
     return 0;
   }
@@ -154,30 +144,30 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
   runs_.clear();
   std::size_t written = 0;
   std::uint64_t looked_up = 0;
-  for (const View& view : observations_.views()) {
-    const CameraModel& camera = observations_.rig().cameras[view.camera];
-    const auto spot = spot_of(camera, view, block.centre_mm_, block.reach_mm_);
-    if (!spot) continue;
+  for (std::size_t v = 0; v < spots_.size(); ++v) {
+    const auto& spot = spots_[v];
+    if (!spot || !spot->has_before_it(block.reach_mm_)) continue;
+    const View& view = observations_.views()[v];
     const Eigen::Vector2d& at = spot->centre_px;
-    const double reach = spot->radius_px + 1;
+    const double reach = spot->radius_px(block.reach_mm_) + 1;
+    const auto pixels_per_mm = static_cast<float>(spot->pixels_per_mm(block.reach_mm_));
     bool is_projected = false;
     for (std::size_t i = view.begin; i < view.end; ++i) {
       const Observation& seen = observations_.all()[i];
       const bool may_vote =
           !seen.cells.empty() &&
-          seen.may_see(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) &&
+          seen.tiles.most(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) != 0 &&
           is_before(seen, block.centre_mm_, block.reach_mm_);
-      const bool may_carve = block.may_be_free_ && !seen.sight_px.empty() &&
-                             overlaps(seen.sight_box, *spot) &&
-                             is_before(seen, block.centre_mm_, block.reach_mm_);
+      const bool may_carve =
+          block.may_be_free() && !seen.sight.px.empty() &&
+          seen.sight.may_hold(at.x(), at.y(), reach, block.least_radius_mm_ * pixels_per_mm) &&
+          is_before(seen, block.centre_mm_, block.reach_mm_);
       if (!may_vote && !may_carve) continue;
       if (!is_projected) {
         if (!project_block(view, block)) break;
         is_projected = true;
       }
-      if (may_carve) {
-        look_for_sight(seen, block, static_cast<float>(spot->pixels_per_mm), votes);
-      }
+      if (may_carve) look_for_sight(seen.sight, block, pixels_per_mm, votes);
       if (!may_vote) continue;
       grow_to(point_, written + count + kPadding);
       grow_to(x_, written + count + kPadding);

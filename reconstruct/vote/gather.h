@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -9,6 +10,7 @@
 #include "reconstruct/options.h"
 #include "reconstruct/vote/kernels.h"
 #include "reconstruct/vote/observations.h"
+#include "reconstruct/vote/spot.h"
 
 namespace alhazen {
 
@@ -30,10 +32,13 @@ class PointBlock {
 
  private:
   friend class Gatherer;
+  /// Some point may.
+  [[nodiscard]] bool may_be_free() const { return std::isfinite(least_radius_mm_); }
+
   Eigen::Vector3d centre_mm_;
   double reach_mm_ = 0;
   std::size_t count_ = 0;
-  bool may_be_free_ = false;  ///< some point
+  float least_radius_mm_ = 0;
   std::vector<float> x_mm_, y_mm_, z_mm_, radius_mm_;
 };
 
@@ -68,7 +73,7 @@ class Gatherer {
   /// What one view needs of the block: false where it does not see it.
   bool project_block(const View& view, const PointBlock& block);
   [[nodiscard]] bool is_free(const PointBlock& block) const;
-  void look_for_sight(const Observation& seen, const PointBlock& block, float pixels_per_mm,
+  void look_for_sight(const Clearance& sight, const PointBlock& block, float pixels_per_mm,
                       BlockVotes& votes) const;
   /// Whether some normal map sees nothing but background through the whole block.
   [[nodiscard]] bool is_clear_of_object(const PointBlock& block, double radius_mm) const;
@@ -77,6 +82,7 @@ class Gatherer {
 
   const Observations& observations_;
   VoteOptions options_;
+  std::vector<std::optional<Spot>> spots_;  ///< of the block's centre, by view
   std::vector<float> x_px_, y_px_, scratch_;
   std::vector<std::uint32_t> point_;
   std::vector<float> x_, y_, z_;

@@ -1,39 +1,22 @@
 // The part of Gatherer that reads normal maps: a vote is what the map says at the point's pixel.
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include "reconstruct/vote/gather.h"
-#include "reconstruct/vote/spot.h"
 
 namespace alhazen {
-namespace {
-
-/// Chessboard distance to the nearest pixel that is not background, around a position.
-int clear_at(const NormalView& seen, double x_px, double y_px) {
-  const double x = x_px - seen.clear_box.x + 0.5, y = y_px - seen.clear_box.y + 0.5;
-  if (!(x >= 0 && y >= 0 && x < seen.clear_box.width && y < seen.clear_box.height)) return 0;
-  return seen
-      .clear_px[static_cast<std::size_t>(y) * static_cast<std::size_t>(seen.clear_box.width) +
-                static_cast<std::size_t>(x)];
-}
-
-/// Whether a ball of that radius in pixels, seen there, lies on background with all it covers. One
-/// pixel is left for rounding and for pixels that the outline cuts.
-bool is_clear(const NormalView& seen, double x_px, double y_px, double radius_px) {
-  return clear_at(seen, x_px, y_px) > std::ceil(radius_px) + 1;
-}
-
-}  // namespace
 
 bool Gatherer::is_clear_of_object(const PointBlock& block, double radius_mm) const {
+  const auto is_clear = [&](const NormalView& seen) {
+    const CameraModel& camera = observations_.rig().cameras[seen.view.camera];
+    const auto spot = spot_of(camera, seen.view, block.centre_mm_);
+    return spot && spot->has_before_it(radius_mm) &&
+           seen.clear.holds(static_cast<float>(spot->centre_px.x()),
+                            static_cast<float>(spot->centre_px.y()),
+                            static_cast<float>(spot->radius_px(radius_mm)));
+  };
   return std::any_of(observations_.normal_views().begin(), observations_.normal_views().end(),
-                     [&](const NormalView& seen) {
-                       const auto spot = spot_of(observations_.rig().cameras[seen.view.camera],
-                                                 seen.view, block.centre_mm_, radius_mm);
-                       return spot && is_clear(seen, spot->centre_px.x(), spot->centre_px.y(),
-                                               spot->radius_px);
-                     });
+                     is_clear);
 }
 
 std::uint64_t Gatherer::gather_normals(const PointBlock& block, BlockVotes& votes,
@@ -44,19 +27,19 @@ std::uint64_t Gatherer::gather_normals(const PointBlock& block, BlockVotes& vote
   for (std::size_t k = 0; k < observations_.normal_views().size(); ++k) {
     const NormalView& seen = observations_.normal_views()[k];
     const CameraModel& camera = observations_.rig().cameras[seen.view.camera];
-    const auto spot = spot_of(camera, seen.view, block.centre_mm_, block.reach_mm_);
-    if (!spot) continue;
+    const auto spot = spot_of(camera, seen.view, block.centre_mm_);
+    if (!spot || !spot->has_before_it(block.reach_mm_)) continue;
     const Eigen::Vector2d& at = spot->centre_px;
-    const double reach = spot->radius_px + 1;
+    const double reach = spot->radius_px(block.reach_mm_) + 1;
+    const auto pixels_per_mm = static_cast<float>(spot->pixels_per_mm(block.reach_mm_));
     const bool may_vote =
-        seen.may_see(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach);
-    if (!may_vote && !overlaps(seen.clear_box, *spot)) continue;
+        seen.tiles.most(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) != 0;
+    const bool may_carve =
+        block.may_be_free() &&
+        seen.clear.may_hold(at.x(), at.y(), reach, block.least_radius_mm_ * pixels_per_mm);
+    if (!may_vote && !may_carve) continue;
     if (!project_block(seen.view, block)) continue;
-    for (std::size_t i = 0; i < count; ++i) {
-      if (votes.free_space[i] != 0) continue;
-      const double radius_px = double{block.radius_mm_[i]} * spot->pixels_per_mm;
-      if (is_clear(seen, double{x_px_[i]}, double{y_px_[i]}, radius_px)) votes.free_space[i] = 1;
-    }
+    if (may_carve) look_for_sight(seen.clear, block, pixels_per_mm, votes);
     if (!may_vote) continue;
 
     grow_to(point_, written + count + kernels::kPadding);

@@ -1,11 +1,12 @@
 #include "reconstruct/vote/normal_view.h"
-#include "reconstruct/scan/region.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>
 #include <utility>
+
+#include "reconstruct/scan/region.h"
 
 namespace alhazen {
 namespace {
@@ -27,55 +28,11 @@ Region box_of(const NormalMap& map) {
   return {low_x, low_y, high_x - low_x + 1, high_y - low_y + 1};
 }
 
-/// How far each pixel is from the nearest that is not background, chessboard steps, at most 255;
-/// what lies beyond the picture is not known, so it counts as not background. Two sweeps (Rosenfeld
-/// and Pfaltz, 1966).
-std::vector<std::uint8_t> clearances(const NormalMap& map) {
-  const int width = map.region.width, height = map.region.height;
-  std::vector<std::uint8_t> far(map.size_px(), 0);
-  const auto at = [&](int x, int y) -> int {
-    if (x < 0 || y < 0 || x >= width || y >= height) return 0;
-    return far[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
-               static_cast<std::size_t>(x)];
-  };
-  const auto sweep = [&](int x, int y, int step, int before) {
-    const auto i =
-        static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-    if (map.label[i] != NormalLabel::background) return;
-    const int least = std::min({at(x - step, y), at(x - 1, y - step), at(x, y - step),
-                                at(x + 1, y - step), 254}) +
-                      1;
-    far[i] = static_cast<std::uint8_t>(std::min(least, before));
-  };
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) sweep(x, y, 1, 255);
-  }
-  for (int y = height - 1; y >= 0; --y) {
-    for (int x = width - 1; x >= 0; --x) sweep(x, y, -1, at(x, y));
-  }
-  return far;
-}
-
 }  // namespace
 
-bool NormalView::may_see(double x0, double y0, double x1, double y1) const {
-  const double low_x = std::max(x0 - box.x, 0.0), high_x = std::min(x1 - box.x, box.width - 1.0);
-  const double low_y = std::max(y0 - box.y, 0.0), high_y = std::min(y1 - box.y, box.height - 1.0);
-  if (!(low_x <= high_x && low_y <= high_y)) return false;
-  const int columns = (box.width + kTilePx - 1) / kTilePx;
-  for (int y = static_cast<int>(low_y) / kTilePx; y <= static_cast<int>(high_y) / kTilePx; ++y) {
-    for (int x = static_cast<int>(low_x) / kTilePx; x <= static_cast<int>(high_x) / kTilePx; ++x) {
-      if (tiles[static_cast<std::size_t>(y) * static_cast<std::size_t>(columns) +
-                static_cast<std::size_t>(x)] != 0)
-        return true;
-    }
-  }
-  return false;
-}
-
 std::size_t NormalView::bytes() const noexcept {
-  return normal.size() * sizeof(float) + cells.size() + tiles.size() + clear_px.size() +
-         sizeof(NormalView);
+  return normal.size() * sizeof(float) + cells.size() + tiles.bytes() + clear.px.size() +
+         clear.tiles.bytes() + sizeof(NormalView);
 }
 
 Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
@@ -120,8 +77,11 @@ Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
       camera->camera_from_rig * rig.turntable.rig_from_object(map.angle_rad);
   const Pose object_from_camera = seen.view.camera_from_object.inverse();
   seen.view.eye_object_mm = object_from_camera.translation_mm;
-  seen.clear_box = region;
-  seen.clear_px = clearances(map);
+  std::vector<std::uint8_t> is_background;
+  is_background.reserve(map.size_px());
+  for (const NormalLabel label : map.label)
+    is_background.push_back(label == NormalLabel::background ? 1 : 0);
+  seen.clear = Clearance(region, is_background);
 
   const Region box = box_of(map);
   if (pixel_count(box) == 0) return seen;
@@ -136,9 +96,7 @@ Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
   };
   seen.normal.resize(3 * pixel_count(box));
   seen.cells.assign(pixel_count(box), 0);
-  const int columns = (box.width + NormalView::kTilePx - 1) / NormalView::kTilePx;
-  const int rows = (box.height + NormalView::kTilePx - 1) / NormalView::kTilePx;
-  seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);
+  seen.tiles = Tiles(seen.box);
   const Eigen::Matrix3f turn = object_from_camera.rotation.cast<float>();
   for (int y = 0; y < box.height; ++y) {
     for (int x = 0; x < box.width; ++x) {
@@ -160,9 +118,7 @@ Result<NormalView> make_normal_view(const NormalMap& map, const Rig& rig,
       }
       if (!is_whole) continue;
       seen.cells[target(x, y)] = 1;
-      seen.tiles[static_cast<std::size_t>(y / NormalView::kTilePx) *
-                     static_cast<std::size_t>(columns) +
-                 static_cast<std::size_t>(x / NormalView::kTilePx)] = 1;
+      seen.tiles.raise(x, y, 1);
     }
   }
   return seen;

@@ -9,6 +9,8 @@
 #include "reconstruct/geometry/rig.h"
 #include "reconstruct/normals/normal_map.h"
 #include "reconstruct/options.h"
+#include "reconstruct/vote/clearance.h"
+#include "reconstruct/vote/tiles.h"
 
 namespace alhazen {
 
@@ -34,17 +36,9 @@ struct NormalView {
   Region box;
   std::vector<float> normal;
   std::vector<std::uint8_t> cells;
-  /// One byte per kTilePx × kTilePx cells, row by row: 1 if any of them is set.
-  std::vector<std::uint8_t> tiles;
+  Tiles tiles;  ///< of the cells: 1 where one is set
 
-  /// The region of the map, and per pixel the chessboard distance to the nearest pixel that is not
-  /// background, at most 255.
-  Region clear_box;
-  std::vector<std::uint8_t> clear_px;
-
-  static constexpr int kTilePx = 16;
-  /// Whether any cell of [x0, x1] × [y0, y1] (sensor pixels) may be set.
-  [[nodiscard]] bool may_see(double x0, double y0, double x1, double y1) const;
+  Clearance clear;  ///< the background; its box is the map's region
   [[nodiscard]] std::size_t bytes() const noexcept;
 };
 

@@ -91,43 +91,6 @@ Region box_of(const LightMap& map, const std::vector<Label>& labels, Label label
   return {low_x, low_y, high_x - low_x + 1, high_y - low_y + 1};
 }
 
-/// How far a pixel is from the nearest without direct sight, chessboard steps, at most 255; beyond
-/// the box there is none. Two sweeps (Rosenfeld and Pfaltz, 1966).
-std::vector<std::uint8_t> distances(const LightMap& map, const std::vector<Label>& labels,
-                                    const Region& box) {
-  const int stride = box.width + 2;
-  std::vector<std::uint8_t> far(
-      static_cast<std::size_t>(stride) * static_cast<std::size_t>(box.height + 2), 0);
-  const auto at = [&](int x, int y) -> std::uint8_t& {
-    return far[static_cast<std::size_t>(y + 1) * static_cast<std::size_t>(stride) +
-               static_cast<std::size_t>(x + 1)];
-  };
-  const auto lowered = [](std::uint8_t a, std::uint8_t b, std::uint8_t c, std::uint8_t d) {
-    return static_cast<std::uint8_t>(std::min(254, int{std::min(std::min(a, b), std::min(c, d))}) +
-                                     1);
-  };
-  for (int y = 0; y < box.height; ++y) {
-    for (int x = 0; x < box.width; ++x) {
-      const auto pixel =
-          static_cast<std::size_t>(box.y + y) * static_cast<std::size_t>(map.region.width) +
-          static_cast<std::size_t>(box.x + x);
-      if (labels[pixel] != Label::direct_sight) continue;
-      at(x, y) = lowered(at(x - 1, y), at(x - 1, y - 1), at(x, y - 1), at(x + 1, y - 1));
-    }
-  }
-  std::vector<std::uint8_t> result(pixel_count(box));
-  for (int y = box.height - 1; y >= 0; --y) {
-    for (int x = box.width - 1; x >= 0; --x) {
-      const std::uint8_t back =
-          lowered(at(x + 1, y), at(x + 1, y + 1), at(x, y + 1), at(x - 1, y + 1));
-      at(x, y) = std::min(at(x, y), back);
-      result[static_cast<std::size_t>(y) * static_cast<std::size_t>(box.width) +
-             static_cast<std::size_t>(x)] = at(x, y);
-    }
-  }
-  return result;
-}
-
 /// Median over the mirror pixels in `box`; every 7th will do. Counted from the box, so that it does
 /// not matter how much around it was kept.
 float median_sigma(const LightMap& map, const PixelList<Imath::half>& sigma_px,
@@ -166,29 +129,9 @@ void place(const Rig& rig, Observation& seen) {
 
 }  // namespace
 
-bool Observation::may_see(double x0, double y0, double x1, double y1) const {
-  // Cell (x, y) of the box reaches from pixel box.x + x to the next.
-  const double low_x = std::max(x0 - box.x, 0.0), high_x = std::min(x1 - box.x, box.width - 1.0);
-  const double low_y = std::max(y0 - box.y, 0.0), high_y = std::min(y1 - box.y, box.height - 1.0);
-  if (!(low_x <= high_x && low_y <= high_y)) return false;
-  const int columns = (box.width + kTilePx - 1) / kTilePx;
-  const int first_x = static_cast<int>(low_x) / kTilePx,
-            last_x = static_cast<int>(high_x) / kTilePx;
-  const int first_y = static_cast<int>(low_y) / kTilePx,
-            last_y = static_cast<int>(high_y) / kTilePx;
-  for (int y = first_y; y <= last_y; ++y) {
-    for (int x = first_x; x <= last_x; ++x) {
-      if (tiles[static_cast<std::size_t>(y) * static_cast<std::size_t>(columns) +
-                static_cast<std::size_t>(x)] != 0)
-        return true;
-    }
-  }
-  return false;
-}
-
 std::size_t Observation::bytes() const noexcept {
   return uv_px.size() * sizeof(float) + (row_pair.size() + cells.size()) * sizeof(std::uint32_t) +
-         tiles.size() + sight_px.size() + sizeof(Observation);
+         tiles.bytes() + sight.px.size() + sight.tiles.bytes() + sizeof(Observation);
 }
 
 namespace {
@@ -345,9 +288,7 @@ Status Observations::add(const LightMap& map) {
                                                    positions.sigma_v_px * seen.v_object_mm.norm()) /
                                         (2 * std::sqrt(2.0) * away_mm));
     seen.cells.assign((pixel_count(box) + 31) / 32, 0);
-    const int columns = (box.width + Observation::kTilePx - 1) / Observation::kTilePx;
-    const int rows = (box.height + Observation::kTilePx - 1) / Observation::kTilePx;
-    seen.tiles.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0);
+    seen.tiles = Tiles(seen.box);
     const auto is_smooth = [&](const std::size_t(&corner)[4], std::size_t axis, float bound) {
       float low = positions.uv_px[2 * corner[0] + axis], high = low;
       for (const std::size_t c : corner) {
@@ -366,17 +307,22 @@ Status Observations::add(const LightMap& map) {
         }
         if (!is_smooth(corner, 0, jump_u_px) || !is_smooth(corner, 1, jump_v_px)) continue;
         seen.cells[corner[0] / 32] |= 1u << (corner[0] % 32);
-        seen.tiles[static_cast<std::size_t>(y / Observation::kTilePx) *
-                       static_cast<std::size_t>(columns) +
-                   static_cast<std::size_t>(x / Observation::kTilePx)] = 1;
+        seen.tiles.raise(x, y, 1);
       }
     }
     keep_rows(positions, seen);
   }
   const Region sight = box_of(map, labels, Label::direct_sight);
   if (pixel_count(sight) > 0) {
-    seen.sight_box = {region.x + sight.x, region.y + sight.y, sight.width, sight.height};
-    seen.sight_px = distances(map, labels, sight);
+    std::vector<std::uint8_t> is_sight;
+    is_sight.reserve(pixel_count(sight));
+    for (int y = sight.y; y < sight.y + sight.height; ++y) {
+      const Label* row = labels.data() + static_cast<std::ptrdiff_t>(y) * region.width;
+      for (int x = sight.x; x < sight.x + sight.width; ++x)
+        is_sight.push_back(row[x] == Label::direct_sight ? 1 : 0);
+    }
+    seen.sight =
+        Clearance({region.x + sight.x, region.y + sight.y, sight.width, sight.height}, is_sight);
   }
 
   if (map_count() >= kMostMaps) {
@@ -404,7 +350,7 @@ Status Observations::assume(Rig rig) {
     const auto is_within = [](const Region& box, const CameraModel& of) {
       return box.x + box.width <= of.width_px && box.y + box.height <= of.height_px;
     };
-    if (!has_both || !is_within(seen.box, *camera) || !is_within(seen.sight_box, *camera)) {
+    if (!has_both || !is_within(seen.box, *camera) || !is_within(seen.sight.box, *camera)) {
       return Error{Code::invalid, "the light map of display " + seen.key.display + ", camera " +
                                       seen.key.camera + " does not fit the rig"};
     }

@@ -10,7 +10,9 @@
 #include "reconstruct/geometry/rig.h"
 #include "reconstruct/options.h"
 #include "reconstruct/scan/light_map.h"
+#include "reconstruct/vote/clearance.h"
 #include "reconstruct/vote/normal_view.h"
+#include "reconstruct/vote/tiles.h"
 
 namespace alhazen {
 
@@ -33,17 +35,9 @@ struct Observation {
   std::vector<std::uint32_t> cells;
   std::vector<float> uv_px;
   std::vector<std::int32_t> row_pair;
-  /// One byte per kTilePx × kTilePx cells, row by row: 1 if any of them is set.
-  std::vector<std::uint8_t> tiles;
+  Tiles tiles;  ///< of the cells: 1 where one is set
 
-  /// Direct sight of the display: its box, and per pixel the chessboard distance to the nearest
-  /// pixel without it, at most 255.
-  Region sight_box;
-  std::vector<std::uint8_t> sight_px;
-
-  static constexpr int kTilePx = 16;
-  /// Whether any cell of [x0, x1] × [y0, y1] (sensor pixels) may be set.
-  [[nodiscard]] bool may_see(double x0, double y0, double x1, double y1) const;
+  Clearance sight;  ///< the pixels that see the display itself
   [[nodiscard]] std::size_t bytes() const noexcept;
 };
 

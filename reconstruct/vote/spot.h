@@ -4,37 +4,37 @@
 #include <algorithm>
 #include <optional>
 
-#include "alhazen/image.h"
 #include "reconstruct/geometry/camera_model.h"
 #include "reconstruct/vote/normal_view.h"
 
 namespace alhazen {
 
-/// Where a ball is seen by a camera, with room for lens distortion.
+/// Where a camera sees balls about a point, with room for lens distortion.
 struct Spot {
   Eigen::Vector2d centre_px;
-  double radius_px = 0;
-  double pixels_per_mm = 0;
+  double away_mm = 0;   ///< along the camera's axis
+  double scale_px = 0;  ///< pixels that a millimetre spans a millimetre away
+
+  /// Whether balls of that radius lie well before the camera. The others REQUIRE it.
+  [[nodiscard]] bool has_before_it(double radius_mm) const { return away_mm > 2 * radius_mm; }
+  /// At most, anywhere in such a ball.
+  [[nodiscard]] double pixels_per_mm(double radius_mm) const {
+    return scale_px / (away_mm - radius_mm);
+  }
+  [[nodiscard]] double radius_px(double radius_mm) const {
+    return pixels_per_mm(radius_mm) * radius_mm;
+  }
 };
 
 [[nodiscard]] inline std::optional<Spot> spot_of(const CameraModel& camera, const View& view,
-                                                 const Eigen::Vector3d& centre_mm,
-                                                 double radius_mm) {
+                                                 const Eigen::Vector3d& centre_mm) {
   const Eigen::Vector3d p = view.camera_from_object * centre_mm;
-  if (p.z() <= 2 * radius_mm) return std::nullopt;
+  if (p.z() <= 0) return std::nullopt;
   const auto pixel = camera.project(p);
   if (!pixel) return std::nullopt;
   // A ball off the axis is drawn out by up to 1/cos² of the field angle; distortion adds a tenth.
   const double off2 = 1 + (p.x() * p.x() + p.y() * p.y()) / (p.z() * p.z());
-  const double scale = std::max(camera.fx_px, camera.fy_px) / (p.z() - radius_mm) * off2 * 1.1;
-  return Spot{*pixel, scale * radius_mm, scale};
-}
-
-[[nodiscard]] inline bool overlaps(const Region& box, const Spot& spot) {
-  return spot.centre_px.x() + spot.radius_px >= box.x &&
-         spot.centre_px.x() - spot.radius_px <= box.x + box.width &&
-         spot.centre_px.y() + spot.radius_px >= box.y &&
-         spot.centre_px.y() - spot.radius_px <= box.y + box.height;
+  return Spot{*pixel, p.z(), std::max(camera.fx_px, camera.fy_px) * off2 * 1.1};
 }
 
 }  // namespace alhazen

@@ -1,5 +1,4 @@
 #include "reconstruct/normals/photometric_stereo.h"
-#include "tests/support/nobody.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,6 +9,8 @@
 #include <limits>
 #include <numbers>
 #include <random>
+
+#include "tests/support/nobody.h"
 
 namespace alhazen {
 namespace {

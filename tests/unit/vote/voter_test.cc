@@ -281,7 +281,7 @@ TEST(Voter, DirectSightCarvesFreeSpaceAndNeverTheObject) {
       if (label == Label::direct_sight) label = Label::mirror;
     }
     ASSERT_TRUE(unlabelled.add(map));
-    EXPECT_EQ(unlabelled.all().back().sight_px, observations.all().back().sight_px);
+    EXPECT_EQ(unlabelled.all().back().sight.px, observations.all().back().sight.px);
     EXPECT_EQ(unlabelled.all().back().cells, observations.all().back().cells);
   }
   const Voter voter(observations, VoteOptions{});

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "alhazen/image.h"
+#include "reconstruct/vote/tiles.h"
+
+namespace alhazen {
+
+/// How far each pixel of a box is from the nearest one that is not clear, chessboard steps, at most
+/// 255. Beyond the box nothing is known, so nothing is clear.
+struct Clearance {
+  Region box;
+  std::vector<std::uint8_t> px;  ///< row by row
+  Tiles tiles;
+
+  Clearance() = default;
+  /// `is_clear`: 0 or 1 per pixel of the box, row by row.
+  Clearance(const Region& box, const std::vector<std::uint8_t>& is_clear);
+
+  /// Whether a ball of that radius in pixels, seen there, covers clear pixels alone. One pixel is
+  /// left for rounding and for pixels that an outline cuts.
+  [[nodiscard]] bool holds(float x_px, float y_px, float radius_px) const {
+    const float x = x_px - static_cast<float>(box.x) + 0.5F;
+    const float y = y_px - static_cast<float>(box.y) + 0.5F;
+    if (!(x >= 0 && y >= 0 && x < static_cast<float>(box.width) &&
+          y < static_cast<float>(box.height))) {
+      return false;
+    }
+    const std::uint8_t far =
+        px[static_cast<std::size_t>(static_cast<int>(y)) * static_cast<std::size_t>(box.width) +
+           static_cast<std::size_t>(static_cast<int>(x))];
+    return static_cast<float>(far) > std::ceil(radius_px) + 1;
+  }
+  /// Whether holds() may be true somewhere less than `reach_px` away, along the rows and columns.
+  [[nodiscard]] bool may_hold(double x_px, double y_px, double reach_px, float radius_px) const {
+    // holds() looks at the nearest pixel.
+    const double reach = reach_px + 0.5;
+    return static_cast<float>(tiles.most(x_px - reach, y_px - reach, x_px + reach, y_px + reach)) >
+           std::ceil(radius_px) + 1;
+  }
+};
+
+}  // namespace alhazen
