@@ -83,6 +83,7 @@ if(CMAKE_UNITY_BUILD)
   alhazen_precompiled(alhazen_precompiled_library)
   add_executable(alhazen_precompiled_test ${CMAKE_BINARY_DIR}/precompiled.cc)
   target_link_libraries(alhazen_precompiled_test PRIVATE GTest::gmock)
+  target_compile_options(alhazen_precompiled_test PRIVATE $<$<CONFIG:Release>:-O1>)
   alhazen_precompiled(alhazen_precompiled_test <gmock/gmock.h> <gtest/gtest.h>)
 endif()
 
@@ -155,6 +156,8 @@ function(alhazen_test name)
   target_link_libraries(${target} PRIVATE alhazen::api ${ARG_LIBRARIES} GTest::gmock GTest::gtest_main)
   target_compile_definitions(${target} PRIVATE ALHAZEN_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
     ALHAZEN_BINARY_DIR="${CMAKE_BINARY_DIR}")
+  # What is tested is optimised; what tests is not worth the time.
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
   alhazen_precompile(${target} test)
   add_test(NAME ${ARG_LABEL}.${name} COMMAND ${target})
   if(ARG_COST)
