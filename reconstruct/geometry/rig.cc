@@ -156,11 +156,12 @@ Result<DisplayModel> display(const Json& json, const std::string& path) {
 }
 
 template <class Device, class ReadOne>
-Status read_devices(const Json& root, const std::string& key, std::vector<Device>& out,
-                    ReadOne read_one) {
+Status read_devices(const Json& root, const std::string& key, std::size_t fewest,
+                    std::vector<Device>& out, ReadOne read_one) {
   const Json* list = ALHAZEN_TRY(member(root, key, "rig"));
-  if (!list->is_array() || list->empty() || list->size() > kMaxDevices)
-    return wrong("rig." + key, "a list of 1 to " + std::to_string(kMaxDevices) + " objects");
+  if (!list->is_array() || list->size() < fewest || list->size() > kMaxDevices)
+    return wrong("rig." + key, "a list of " + std::to_string(fewest) + " to " +
+                                   std::to_string(kMaxDevices) + " objects");
   std::set<std::string> names;
   for (std::size_t i = 0; i < list->size(); ++i) {
     const std::string path = "rig." + key + "[" + std::to_string(i) + "]";
@@ -185,8 +186,9 @@ Result<Rig> read_rig(std::string_view text) {
   const Json root = Json::parse(text);
   ALHAZEN_TRY(only_keys(root, {"cameras", "displays", "turntable"}, "rig"));
   Rig rig;
-  ALHAZEN_TRY(read_devices(root, "cameras", rig.cameras, camera));
-  ALHAZEN_TRY(read_devices(root, "displays", rig.displays, display));
+  ALHAZEN_TRY(read_devices(root, "cameras", 1, rig.cameras, camera));
+  // Normal maps need none.
+  ALHAZEN_TRY(read_devices(root, "displays", 0, rig.displays, display));
   const Json* table = ALHAZEN_TRY(member(root, "turntable", "rig"));
   ALHAZEN_TRY(only_keys(*table, {"point_mm", "direction"}, "rig.turntable"));
   rig.turntable.point_mm =

@@ -42,12 +42,6 @@ class Window {
     }
   }
   [[nodiscard]] float at(int x, int y) const { return weights_[index(x, y)]; }
-  /// Standard deviation of what comes out for independent errors of 1.
-  [[nodiscard]] float gain() const {
-    float sum2 = 0;
-    for (const float weight : weights_) sum2 += weight * weight;
-    return std::sqrt(sum2);
-  }
 
  private:
   static std::size_t index(int x, int y) {
@@ -65,7 +59,7 @@ class Smoother {
     sigma_px_[1] = p_.sigma_v_px;
   }
 
-  float run() {
+  void run() {
     repair();
     find_whole();
     const bool is_coarse = is_coarse_along(0) || is_coarse_along(1);
@@ -82,7 +76,6 @@ class Smoother {
         }
       }
     }
-    return is_coarse ? wide.gain() : narrow.gain();
   }
 
  private:
@@ -220,8 +213,8 @@ class Smoother {
 
 }  // namespace
 
-float smooth_positions(Positions& positions, float jump_u_px, float jump_v_px) {
-  return Smoother(positions, {jump_u_px, jump_v_px}).run();
+void smooth_positions(Positions& positions, float jump_u_px, float jump_v_px) {
+  Smoother(positions, {jump_u_px, jump_v_px}).run();
 }
 
 }  // namespace alhazen

@@ -23,14 +23,12 @@ struct Positions {
 /// - a position that no such polynomial through its eight neighbours comes near to, though they
 ///   agree among themselves, is an error of decoding: it is replaced by the neighbours' own
 ///   estimate, Σ(sides)/2 − Σ(corners)/4, which is exact for quadratics;
-/// - the rest becomes the least-squares quadratic of the window around it (Savitzky and Golay
-/// 1964):
+/// - the rest becomes the least-squares quadratic of the window around it (Savitzky, Golay 1964):
 ///   5 × 5 pixels where the code is coarse against the map's own change from pixel to pixel, 3 × 3
 ///   where it is fine; windows with an invalid or torn pixel leave theirs as it is;
 /// - and what box-shaped pixels and bilinear look-up will add, f''/24 and f''/12 in the mean along
 ///   each axis, is taken off.
 /// `jump_px`: neighbours farther apart than this are torn. What stays wrong becomes invalid.
-/// Returns: by how much that shrinks the positions' random errors.
-float smooth_positions(Positions& positions, float jump_u_px, float jump_v_px);
+void smooth_positions(Positions& positions, float jump_u_px, float jump_v_px);
 
 }  // namespace alhazen

@@ -112,7 +112,7 @@ int main(int argc, char** argv) {
   const char* data = std::getenv("ALHAZEN_DATA");
   context.data = data != nullptr ? data : "../shared/data";
   app.add_option("NAME", wanted, "experiments, or all")->required();
-  app.add_option("--out", context.out, "folder of meshes, pictures and rows.json");
+  app.add_option("--out", context.out, "folder of report pages, pictures and rows.json");
   app.add_option("--cache", context.cache, "folder of simulated scans, kept for the next run");
   bool is_held = false;
   app.add_flag("--held", is_held, "fails where a figure misses what it must hold");

@@ -2,10 +2,12 @@
 
 #include <cmath>
 #include <fstream>
+#include <system_error>
 #include <utility>
 
 #include "drivers/sim/shape.h"
 #include "reconstruct/mesh_io/mesh_file.h"
+#include "reconstruct/report/report.h"
 #include "reconstruct/stage_time.h"
 
 namespace alhazen::experiment {
@@ -89,14 +91,27 @@ Result<Mesh> truth_of(const ScanRecipe& recipe) {
   return ALHAZEN_TRY(sim::Shape::make(scene.object)).truth();
 }
 
+Result<Comparison> write_page(const Context& context, const std::string& name, const Scan& scan,
+                              const Reconstructed& made, const Mesh& truth) {
+  const std::filesystem::path folder = context.out / name;
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) return Error{Code::unavailable, folder.string() + ": " + failed.message()};
+  // Nobody captured anything: pictures were decoded as they were drawn.
+  Report report = ALHAZEN_TRY(make_report(scan, made, CaptureFigures{}, &truth, context.run));
+  report.reference = "the true surface";
+  ALHAZEN_TRY(write_mesh(made.mesh, folder / "mesh.ply"));
+  ALHAZEN_TRY(write_report(report, made.mesh, folder));
+  return *std::move(report.comparison);
+}
+
 Result<ObjectRow> object_row(const Context& context, const char* name, const ScanRecipe& recipe,
                              const Row& bounds, const Selection& selection) {
   const Scan scan = ALHAZEN_TRY(simulated_scan(context.cache, recipe, context.run));
   Measured made =
       ALHAZEN_TRY(measure(context, scan, scan.rig(), recipe.level, Options{}, selection));
   Mesh truth = ALHAZEN_TRY(truth_of(recipe));
-  const Comparison off = ALHAZEN_TRY(compare(made.result.mesh, truth, {}, context.run));
-  ALHAZEN_TRY(write_mesh(made.result.mesh, context.out / (std::string(name) + ".ply")));
+  const Comparison off = ALHAZEN_TRY(write_page(context, name, scan, made.result, truth));
   Row row{{"experiment", name}};
   if (off.observed) put(row, "", *off.observed);
   put(row, "whole_", off.all);

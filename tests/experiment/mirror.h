@@ -44,13 +44,19 @@ void put_observed(Row& row, const Mesh& mesh);
 /// The true surface of a recipe's object. Fails: as Scene::load and Shape::make.
 [[nodiscard]] Result<Mesh> truth_of(const ScanRecipe& recipe);
 
-/// An object against its truth: distances, completeness, normals; its mesh is written.
+/// Writes mesh, report page and pictures into the folder `name`; returns the distances on the page.
+/// Fails: as make_report(), write_report(); unavailable (no such folder can be made).
+[[nodiscard]] Result<Comparison> write_page(const Context& context, const std::string& name,
+                                            const Scan& scan, const Reconstructed& made,
+                                            const Mesh& truth);
+
+/// An object against its truth: distances, completeness, normals; with a page.
 struct ObjectRow {
   Row row;
   Measured measured;
   Mesh truth;
 };
-/// Fails: as simulated_scan(), measure(), truth_of(), compare().
+/// Fails: as simulated_scan(), measure(), truth_of(), write_page().
 [[nodiscard]] Result<ObjectRow> object_row(const Context& context, const char* name,
                                            const ScanRecipe& recipe, const Row& bounds,
                                            const Selection& selection = {});

@@ -2,7 +2,6 @@
 #include <string>
 #include <utility>
 
-#include "reconstruct/mesh_io/mesh_file.h"
 #include "tests/experiment/mirror.h"
 
 namespace alhazen::experiment {
@@ -16,7 +15,7 @@ Result<std::vector<Row>> sphere(const Context& context, const char* name, Coding
   const Scan scan = ALHAZEN_TRY(simulated_scan(context.cache, recipe, context.run));
   const Measured made = ALHAZEN_TRY(measure(context, scan, scan.rig(), recipe.level));
   const SphereComparison off = ALHAZEN_TRY(compare_sphere(made.result.mesh, 25));
-  ALHAZEN_TRY(write_mesh(made.result.mesh, context.out / (std::string(name) + ".ply")));
+  ALHAZEN_TRY(write_page(context, name, scan, made.result, ALHAZEN_TRY(truth_of(recipe))));
   Row row{{"experiment", name}};
   if (off.observed) put(row, "", off.observed->distances);
   put(row, "whole_", off.all.distances);

@@ -137,6 +137,18 @@ TEST(Rig, JsonGivesEveryNumberBack) {
   EXPECT_EQ(again->camera("c1"), nullptr);
 }
 
+TEST(Rig, NormalMapsNeedNoDisplayButACamera) {
+  Rig rig = some_rig();
+  rig.displays.clear();
+  const auto again = Rig::parse(rig.to_json());
+  ASSERT_TRUE(again) << again.error().text();
+  EXPECT_TRUE(again->displays.empty());
+  rig.cameras.clear();
+  const auto blind = Rig::parse(rig.to_json());
+  ASSERT_FALSE(blind);
+  EXPECT_THAT(blind.error().text(), testing::HasSubstr("rig.cameras"));
+}
+
 TEST(Rig, AnyChangeChangesTheHash) {
   Rig rig = some_rig();
   const std::string before = rig.hash();
