@@ -62,7 +62,7 @@ pkg_check_modules(SYSTEMD REQUIRED IMPORTED_TARGET libsystemd)
 pkg_check_modules(XXHASH REQUIRED IMPORTED_TARGET libxxhash)
 find_package(CLI11 REQUIRED)
 
-# The presets release, asan and tsan compile files of a folder together and read the headers of
+# The presets release, asan, tsan and fuzz compile files of a folder together and read the headers of
 # others that many files need once. The other presets take every file alone: there one that forgets
 # an include fails, and tests/CMakeLists.txt has clang-tidy look so at what changed.
 set(ALHAZEN_PRECOMPILED <algorithm> <array> <chrono> <cmath> <filesystem> <fstream> <functional> <map>
