@@ -2,7 +2,9 @@
 // scan works.
 #include <gtest/gtest.h>
 
+#include <map>
 #include <set>
+#include <string>
 
 #include "tests/support/daemon.h"
 
@@ -23,43 +25,53 @@ bool is_legal_after_abort(const Json& state) {
   return state == "cancelled" || state == "failed" || state == "done";
 }
 
+bool is_of(const Json& event, const std::string& job) {
+  return event["body"].value("job", event["body"].value("id", "")) == job;
+}
+
+/// How many events of each topic a scan publishes that nothing disturbs.
+std::map<std::string, int> events_of_a_scan(TestClient& client) {
+  std::map<std::string, int> count;
+  const std::string id = client.ask("scan.submit", tiny_scan())["job"];
+  client.await_end(id, [&](const Json& event) {
+    if (is_of(event, id)) ++count[event["topic"]];
+  });
+  return count;
+}
+
 TEST(Abort, AtEveryEvent) {
   const TestSite site;
   TestDaemon daemon(site);
   TestClient client = daemon.client();
   const std::size_t threads_before = thread_count();
+  const std::map<std::string, int> published = events_of_a_scan(client);
   std::set<std::string> asked_at;
-  bool reached_the_end = false;
   int cancelled = 0;
-  constexpr int kMostEvents = 60;
-  for (int k = 1; k <= kMostEvents && !reached_the_end; k += kStride) {
-    const std::string id = client.ask("scan.submit", tiny_scan())["job"];
-    int seen = 0;
-    bool asked = false;
-    std::string topic;
-    const Json job = client.await_end(id, [&](const Json& event) {
-      if (event["body"].value("job", event["body"].value("id", "")) != id || asked) return;
-      if (++seen < k) return;
-      asked = true;
-      topic = event["topic"];
-      client.reply("job.abort", {{"job", id}});  // conflict, where it is over already
-    });
-    reached_the_end = !asked;
-    // Whether the job was over before the abort was read is the machine's to tell.
-    if (asked) asked_at.insert(topic);
-    if (job["state"] == "cancelled") ++cancelled;
-    EXPECT_TRUE(is_legal_after_abort(job["state"])) << "event " << k << ": " << job.dump(1);
-    const Json status = client.ask("status");
-    EXPECT_EQ(status["state"], "idle") << "event " << k;
-    EXPECT_EQ(status["queue"]["held"], "") << "event " << k;
-    EXPECT_TRUE(status["can_scan"]) << status.dump(1);
-    // Never resumable, never ended twice.
-    EXPECT_EQ(client.reply("job.resume", {{"job", id}})["error"]["code"], "conflict");
-    EXPECT_EQ(client.reply("job.abort", {{"job", id}})["error"]["code"], "conflict");
+  for (const auto& [topic, count] : published) {
+    for (int k = 1; k <= count; k += kStride) {
+      SCOPED_TRACE("event " + std::to_string(k) + " of " + topic);
+      const std::string id = client.ask("scan.submit", tiny_scan())["job"];
+      int seen = 0;
+      const Json job = client.await_end(id, [&, &topic = topic](const Json& event) {
+        if (!is_of(event, id) || event["topic"] != topic || ++seen != k) return;
+        asked_at.insert(topic);
+        client.reply("job.abort", {{"job", id}});  // conflict, where it is over already
+      });
+      // Whether the job was over before the abort was read is the machine's to tell.
+      if (job["state"] == "cancelled") ++cancelled;
+      EXPECT_TRUE(is_legal_after_abort(job["state"])) << job.dump(1);
+      const Json status = client.ask("status");
+      EXPECT_EQ(status["state"], "idle");
+      EXPECT_EQ(status["queue"]["held"], "");
+      EXPECT_TRUE(status["can_scan"]) << status.dump(1);
+      // Never resumable, never ended twice.
+      EXPECT_EQ(client.reply("job.resume", {{"job", id}})["error"]["code"], "conflict");
+      EXPECT_EQ(client.reply("job.abort", {{"job", id}})["error"]["code"], "conflict");
+    }
   }
-  EXPECT_TRUE(reached_the_end) << "more events than expected: raise the bound";
-  EXPECT_GE(cancelled, 10 / kStride);
-  EXPECT_GE(asked_at.size(), 3U) << "the sweep met too few kinds of events";
+  EXPECT_TRUE(asked_at.contains("job.state"));
+  EXPECT_TRUE(asked_at.contains("scan.progress"));
+  EXPECT_GE(cancelled, 1);
   // The writer of each capture is gone; TBB's own threads stay.
   EXPECT_LE(thread_count(), threads_before + std::thread::hardware_concurrency());
 
@@ -83,8 +95,7 @@ TEST(Abort, OfAReconstructionAtEveryEvent) {
     int seen = 0;
     bool asked = false;
     const Json job = client.await_end(id, [&](const Json& event) {
-      if (event["body"].value("job", event["body"].value("id", "")) != id || asked) return;
-      if (++seen < k) return;
+      if (!is_of(event, id) || ++seen != k) return;
       asked = true;
       client.reply("job.abort", {{"job", id}});  // conflict, where it is over already
     });
@@ -97,7 +108,7 @@ TEST(Abort, OfAReconstructionAtEveryEvent) {
     EXPECT_FALSE(job.contains("result")) << job["result"].dump();
   }
   EXPECT_TRUE(reached_the_end) << "more events than expected: raise the bound";
-  EXPECT_GE(cancelled, 2);
+  EXPECT_GE(cancelled, 1);
   EXPECT_TRUE(results_of(site.scan(scan["scan"])) == undisturbed_results());
 }
 
