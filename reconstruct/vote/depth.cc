@@ -106,6 +106,9 @@ struct DepthWork {
   std::vector<double> scratch;
   std::vector<Vector3d> at, normal;  ///< per leaf of the group
   std::vector<std::uint8_t> is_alive;
+  /// Of each light map, whether it agreed with some leaf of the group in the first round: the later
+  /// ones ask no others, most of which look past the surface there.
+  std::vector<std::uint8_t> has_agreed;
 
   /// Fills `turning` with the observations that vote at all three points first − 1, first,
   /// first + 1 of the block.
@@ -127,6 +130,7 @@ struct DepthWork {
         const Vector3d n = vector(first + 1, j);
         if ((n - about).squaredNorm() < cone2) {
           turning.push_back({n, (vector(first + 2, k) - vector(first, i)) / (2 * step_mm), 1, 0});
+          if (a < has_agreed.size()) has_agreed[a] = 1;
         }
         ++i, ++j, ++k;
         continue;
@@ -161,6 +165,7 @@ Result<std::vector<DepthSample>> refine_depth(
     mine.at.resize(count);
     mine.normal.resize(count);
     mine.is_alive.assign(count, 1);
+    mine.has_agreed.assign(observations.size(), 0);
     for (std::size_t i = 0; i < count; ++i) {
       mine.at[i] = octree.centre_mm(leaves[group.begin + i]);
       mine.normal[i] = normals[group.begin + i].cast<double>();
@@ -181,7 +186,7 @@ Result<std::vector<DepthSample>> refine_depth(
         }
       }
       if (mine.block.count() == 0) break;
-      mine.gatherer.gather(mine.block, mine.votes);
+      mine.gatherer.gather(mine.block, mine.votes, is_first ? nullptr : &mine.has_agreed);
       std::size_t point = 0;
       for (std::size_t i = 0; i < count; ++i) {
         if (mine.is_alive[i] == 0) continue;

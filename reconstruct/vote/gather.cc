@@ -124,15 +124,24 @@ void Gatherer::look_for_sight(const Clearance& sight, const PointBlock& block, f
   }
 }
 
-std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
+std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes,
+                               const std::vector<std::uint8_t>* is_asked) {
   const std::size_t count = block.count_;
+  ALHAZEN_CHECK(is_asked == nullptr || is_asked->size() == observations_.size());
+  const auto is_any_asked = [&](const View& view) {
+    const auto at = [&](std::size_t i) {
+      return is_asked->begin() + static_cast<std::ptrdiff_t>(i);
+    };
+    return is_asked == nullptr || std::find(at(view.begin), at(view.end), 1) != at(view.end);
+  };
   votes.begin.assign(count, 0);
   votes.count.assign(count, 0);
   votes.free_space.assign(count, 0);
   if (count == 0) return 0;
   spots_.clear();
   for (const View& view : observations_.views()) {
-    spots_.push_back(spot_of(observations_.rig().cameras[view.camera], view, block.centre_mm_));
+    const CameraModel& camera = observations_.rig().cameras[view.camera];
+    spots_.push_back(is_any_asked(view) ? spot_of(camera, view, block.centre_mm_) : std::nullopt);
   }
   if (block.may_be_free() && is_free(block)) {
     votes.free_space.assign(count, 1);
@@ -153,6 +162,7 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes) {
     const auto pixels_per_mm = static_cast<float>(spot->pixels_per_mm(block.reach_mm_));
     bool is_projected = false;
     for (std::size_t i = view.begin; i < view.end; ++i) {
+      if (is_asked != nullptr && (*is_asked)[i] == 0) continue;
       const Observation& seen = observations_.all()[i];
       const bool may_vote =
           !seen.cells.empty() &&

@@ -63,8 +63,11 @@ class Gatherer {
   Gatherer(const Observations& observations, const VoteOptions& options)
       : observations_(observations), options_(options) {}
 
-  /// Votes in free space are left out. Returns the number of hypotheses looked up.
-  std::uint64_t gather(const PointBlock& block, BlockVotes& votes);
+  /// Votes in free space are left out. `is_asked`: whether to look into each of
+  /// Observations::all(); into each one where it is null. Returns the number of hypotheses looked
+  /// up.
+  std::uint64_t gather(const PointBlock& block, BlockVotes& votes,
+                       const std::vector<std::uint8_t>* is_asked = nullptr);
 
  private:
   struct Run {

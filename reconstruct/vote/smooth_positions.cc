@@ -23,18 +23,18 @@ template <int kReach>
 class Window {
  public:
   Window() {
-    constexpr double kSide = 2 * kReach + 1;
+    constexpr double side = kSide;
     double s2 = 0, s4 = 0;
     for (int x = -kReach; x <= kReach; ++x) {
       s2 += x * x;
       s4 += x * x * x * x;
     }
-    const double spread = kSide * s4 + s2 * s2 - 2 * s2 * s2;
+    const double spread = side * s4 + s2 * s2 - 2 * s2 * s2;
     // Value: Σ w = 1, Σ w x² = 0. Laplacian: Σ w = 0, Σ w x² = 2.
-    const double value = -s2 / (kSide * spread), laplacian = 2 / spread;
+    const double value = -s2 / (side * spread), laplacian = 2 / spread;
     const double slope = value - kBias * laplacian;
     const double base =
-        1 / (kSide * kSide) - 2 * s2 / kSide * value + kBias * 2 * s2 / kSide * laplacian;
+        1 / (side * side) - 2 * s2 / side * value + kBias * 2 * s2 / side * laplacian;
     for (int y = -kReach; y <= kReach; ++y) {
       for (int x = -kReach; x <= kReach; ++x) {
         weights_[index(x, y)] = static_cast<float>(base + slope * (x * x + y * y));
@@ -44,10 +44,11 @@ class Window {
   [[nodiscard]] float at(int x, int y) const { return weights_[index(x, y)]; }
 
  private:
+  static constexpr std::size_t kSide = std::size_t{2} * kReach + 1;
   static std::size_t index(int x, int y) {
-    return static_cast<std::size_t>((y + kReach) * (2 * kReach + 1) + x + kReach);
+    return static_cast<std::size_t>(y + kReach) * kSide + static_cast<std::size_t>(x + kReach);
   }
-  std::array<float, static_cast<std::size_t>((2 * kReach + 1) * (2 * kReach + 1))> weights_;
+  std::array<float, kSide * kSide> weights_;
 };
 
 class Smoother {

@@ -24,12 +24,16 @@ std::vector<std::uint8_t> patches() {
   return is_clear;
 }
 
+std::size_t pixel_of(int x, int y) {
+  const int pixel = y * kBox.width + x;
+  return static_cast<std::size_t>(pixel);
+}
+
 TEST(Clearance, IsThatOfBruteForce) {
   const std::vector<std::uint8_t> is_clear = patches();
   const Clearance clearance(kBox, is_clear);
   const auto clear_at = [&](int x, int y) {
-    return x >= 0 && y >= 0 && x < kBox.width && y < kBox.height &&
-           is_clear[static_cast<std::size_t>(y * kBox.width + x)] != 0;
+    return x >= 0 && y >= 0 && x < kBox.width && y < kBox.height && is_clear[pixel_of(x, y)] != 0;
   };
   int most = 0;
   for (int y = 0; y < kBox.height; ++y) {
@@ -43,7 +47,7 @@ TEST(Clearance, IsThatOfBruteForce) {
         return true;
       };
       while (is_ring_clear()) ++far;
-      ASSERT_EQ(clearance.px[static_cast<std::size_t>(y * kBox.width + x)], far) << x << ' ' << y;
+      ASSERT_EQ(clearance.px[pixel_of(x, y)], far) << x << ' ' << y;
       most = std::max(most, far);
     }
   }
