@@ -35,12 +35,9 @@ struct Clearance {
            static_cast<std::size_t>(static_cast<int>(x))];
     return static_cast<float>(far) > std::ceil(radius_px) + 1;
   }
-  /// Whether holds() may be true somewhere less than `reach_px` away, along the rows and columns.
-  [[nodiscard]] bool may_hold(double x_px, double y_px, double reach_px, float radius_px) const {
-    // holds() looks at the nearest pixel.
-    const double reach = reach_px + 0.5;
-    return static_cast<float>(tiles.most(x_px - reach, y_px - reach, x_px + reach, y_px + reach)) >
-           std::ceil(radius_px) + 1;
+  /// Whether holds() may be true for a point whose nearest pixel is one of these.
+  [[nodiscard]] bool may_hold(const PixelRange& range, float radius_px) const {
+    return static_cast<float>(tiles.most(range)) > std::ceil(radius_px) + 1;
   }
 };
 

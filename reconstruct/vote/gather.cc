@@ -157,21 +157,17 @@ std::uint64_t Gatherer::gather(const PointBlock& block, BlockVotes& votes,
     const auto& spot = spots_[v];
     if (!spot || !spot->has_before_it(block.reach_mm_)) continue;
     const View& view = observations_.views()[v];
-    const Eigen::Vector2d& at = spot->centre_px;
-    const double reach = spot->radius_px(block.reach_mm_) + 1;
+    const PixelRange covered = spot->covered(block.reach_mm_);
     const auto pixels_per_mm = static_cast<float>(spot->pixels_per_mm(block.reach_mm_));
     bool is_projected = false;
     for (std::size_t i = view.begin; i < view.end; ++i) {
       if (is_asked != nullptr && (*is_asked)[i] == 0) continue;
       const Observation& seen = observations_.all()[i];
-      const bool may_vote =
-          !seen.cells.empty() &&
-          seen.tiles.most(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) != 0 &&
-          is_before(seen, block.centre_mm_, block.reach_mm_);
-      const bool may_carve =
-          block.may_be_free() && !seen.sight.px.empty() &&
-          seen.sight.may_hold(at.x(), at.y(), reach, block.least_radius_mm_ * pixels_per_mm) &&
-          is_before(seen, block.centre_mm_, block.reach_mm_);
+      const bool may_vote = !seen.cells.empty() && seen.tiles.most(covered) != 0 &&
+                            is_before(seen, block.centre_mm_, block.reach_mm_);
+      const bool may_carve = block.may_be_free() && !seen.sight.px.empty() &&
+                             seen.sight.may_hold(covered, block.least_radius_mm_ * pixels_per_mm) &&
+                             is_before(seen, block.centre_mm_, block.reach_mm_);
       if (!may_vote && !may_carve) continue;
       if (!is_projected) {
         if (!project_block(view, block)) break;

@@ -29,14 +29,11 @@ std::uint64_t Gatherer::gather_normals(const PointBlock& block, BlockVotes& vote
     const CameraModel& camera = observations_.rig().cameras[seen.view.camera];
     const auto spot = spot_of(camera, seen.view, block.centre_mm_);
     if (!spot || !spot->has_before_it(block.reach_mm_)) continue;
-    const Eigen::Vector2d& at = spot->centre_px;
-    const double reach = spot->radius_px(block.reach_mm_) + 1;
+    const PixelRange covered = spot->covered(block.reach_mm_);
     const auto pixels_per_mm = static_cast<float>(spot->pixels_per_mm(block.reach_mm_));
-    const bool may_vote =
-        seen.tiles.most(at.x() - reach, at.y() - reach, at.x() + reach, at.y() + reach) != 0;
+    const bool may_vote = seen.tiles.most(covered) != 0;
     const bool may_carve =
-        block.may_be_free() &&
-        seen.clear.may_hold(at.x(), at.y(), reach, block.least_radius_mm_ * pixels_per_mm);
+        block.may_be_free() && seen.clear.may_hold(covered, block.least_radius_mm_ * pixels_per_mm);
     if (!may_vote && !may_carve) continue;
     if (!project_block(seen.view, block)) continue;
     if (may_carve) look_for_sight(seen.clear, block, pixels_per_mm, votes);

@@ -6,6 +6,7 @@
 
 #include "reconstruct/geometry/camera_model.h"
 #include "reconstruct/vote/normal_view.h"
+#include "reconstruct/vote/tiles.h"
 
 namespace alhazen {
 
@@ -23,6 +24,10 @@ struct Spot {
   }
   [[nodiscard]] double radius_px(double radius_mm) const {
     return pixels_per_mm(radius_mm) * radius_mm;
+  }
+  /// What such a ball covers, and the pixels nearest to and about every point in it.
+  [[nodiscard]] PixelRange covered(double radius_mm) const {
+    return PixelRange::about(centre_px.x(), centre_px.y(), radius_px(radius_mm) + 1);
   }
 };
 

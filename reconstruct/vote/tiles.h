@@ -9,6 +9,22 @@
 
 namespace alhazen {
 
+/// A rectangle of sensor pixels, the last ones included. What is not on the sensor stands at −1 or
+/// beyond every one.
+struct PixelRange {
+  int x0, y0, x1, y1;
+
+  /// The pixels within `reach_px` of a point, along rows and columns. None, where it is no number.
+  static PixelRange about(double x_px, double y_px, double reach_px) {
+    const auto pixel = [](double px) {
+      constexpr double kFarthest_px = 1 << 20;
+      return px >= 0 ? static_cast<int>(std::min(px, kFarthest_px)) : -1;
+    };
+    return {pixel(x_px - reach_px), pixel(y_px - reach_px), pixel(x_px + reach_px),
+            pixel(y_px + reach_px)};
+  }
+};
+
 /// The largest byte in each square tile of a box of sensor pixels: spares the look at a rectangle
 /// in which nothing is large enough.
 class Tiles {
@@ -28,19 +44,15 @@ class Tiles {
     std::uint8_t& most = most_[tile(x / kSide_px, y / kSide_px)];
     most = std::max(most, value);
   }
-  /// No pixel within [x0, x1] × [y0, y1] (sensor pixels, in the box or not) holds more.
-  [[nodiscard]] std::uint8_t most(double x0, double y0, double x1, double y1) const {
-    const double low_x = std::max(x0 - box_.x, 0.0),
-                 high_x = std::min(x1 - box_.x, box_.width - 1.0);
-    const double low_y = std::max(y0 - box_.y, 0.0),
-                 high_y = std::min(y1 - box_.y, box_.height - 1.0);
-    if (!(low_x <= high_x && low_y <= high_y)) return 0;
-    const int last_x = static_cast<int>(high_x) / kSide_px;
-    const int last_y = static_cast<int>(high_y) / kSide_px;
+  /// No pixel of the range holds more.
+  [[nodiscard]] std::uint8_t most(const PixelRange& range) const {
+    const int x0 = std::max(range.x0 - box_.x, 0), x1 = std::min(range.x1 - box_.x, box_.width - 1);
+    const int y0 = std::max(range.y0 - box_.y, 0),
+              y1 = std::min(range.y1 - box_.y, box_.height - 1);
+    if (x0 > x1 || y0 > y1) return 0;
     std::uint8_t most = 0;
-    for (int y = static_cast<int>(low_y) / kSide_px; y <= last_y; ++y) {
-      for (int x = static_cast<int>(low_x) / kSide_px; x <= last_x; ++x)
-        most = std::max(most, most_[tile(x, y)]);
+    for (int y = y0 / kSide_px; y <= y1 / kSide_px; ++y) {
+      for (int x = x0 / kSide_px; x <= x1 / kSide_px; ++x) most = std::max(most, most_[tile(x, y)]);
     }
     return most;
   }

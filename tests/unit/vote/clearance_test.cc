@@ -73,7 +73,8 @@ TEST(Clearance, MayHoldWhereverItHolds) {
     const float x = x_px(random), y = y_px(random), reach = size(random), radius = size(random) / 2;
     const bool holds =
         clearance.holds(x + reach * shift(random), y + reach * shift(random), radius);
-    const bool may_hold = clearance.may_hold(double{x}, double{y}, double{reach}, radius);
+    // Half a pixel to the nearest one.
+    const bool may_hold = clearance.may_hold(PixelRange::about(x, y, reach + 0.5), radius);
     ASSERT_TRUE(may_hold || !holds);
     held += holds ? 1 : 0;
     spared += may_hold ? 0 : 1;
@@ -84,15 +85,26 @@ TEST(Clearance, MayHoldWhereverItHolds) {
 
 TEST(Tiles, SayTheMostOfARectangle) {
   Tiles tiles({8, 4, 40, 20});
-  EXPECT_EQ(tiles.most(0, 0, 100, 100), 0);
+  EXPECT_EQ(tiles.most({0, 0, 100, 100}), 0);
   tiles.raise(39, 19, 7);
   tiles.raise(39, 19, 3);
   tiles.raise(0, 0, 2);
-  EXPECT_EQ(tiles.most(0, 0, 100, 100), 7);
-  EXPECT_EQ(tiles.most(8, 4, 20, 12), 2);
-  EXPECT_EQ(tiles.most(0, 0, 7.5, 100), 0);
-  EXPECT_EQ(tiles.most(48, 0, 60, 100), 0);
-  EXPECT_EQ(Tiles().most(-1, -1, 1, 1), 0);
+  EXPECT_EQ(tiles.most({0, 0, 100, 100}), 7);
+  EXPECT_EQ(tiles.most({8, 4, 20, 12}), 2);
+  EXPECT_EQ(tiles.most({0, 0, 7, 100}), 0);
+  EXPECT_EQ(tiles.most({48, 0, 60, 100}), 0);
+  EXPECT_EQ(Tiles().most({-1, -1, 1, 1}), 0);
+}
+
+TEST(PixelRange, HoldsThePixelsAboutAPoint) {
+  const auto is = [](const PixelRange& range, int x0, int y0, int x1, int y1) {
+    return range.x0 == x0 && range.y0 == y0 && range.x1 == x1 && range.y1 == y1;
+  };
+  EXPECT_TRUE(is(PixelRange::about(8.5, 20.25, 4), 4, 16, 12, 24));
+  EXPECT_TRUE(is(PixelRange::about(1.5, 2, 3), -1, -1, 4, 5));
+  EXPECT_EQ(PixelRange::about(-1e300, 0, 1).x1, -1);
+  EXPECT_GT(PixelRange::about(1e300, 0, 1).x0, 65535);
+  EXPECT_EQ(PixelRange::about(std::nan(""), 0, 1).x1, -1);
 }
 
 }  // namespace
